@@ -1,0 +1,49 @@
+# Everything runs inside .venv; nothing but Python >= 3.11 with its venv module is needed first.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+UV := UV_PYTHON_DOWNLOADS=never $(BIN)/uv
+INSTALLED := $(VENV)/.installed
+
+.PHONY: help demo test slow check bench lock format clean
+help:
+	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
+
+$(INSTALLED): requirements.lock pyproject.toml
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "inercal needs Python 3.11 or newer")'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check uv==0.13.8
+	$(UV) pip install --quiet --python $(BIN)/python --require-hashes --requirement requirements.lock
+	$(UV) pip install --quiet --python $(BIN)/python --no-deps --no-build-isolation --editable .
+	touch $@
+
+demo: $(INSTALLED)  ## install, then simulate a MEMS IMU, calibrate it from its recording, write the report
+	$(BIN)/inercal demo --out demo-output
+
+test: $(INSTALLED)  ## all tests but the slow ones
+	$(BIN)/python -m pytest
+
+slow: $(INSTALLED)  ## the big Monte Carlo runs
+	$(BIN)/python -m pytest -m slow tests
+
+check: $(INSTALLED)  ## format, lint, types, layers, tests, doctests, examples
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/pyright
+	$(BIN)/lint-imports
+	$(MAKE) test
+
+bench: $(INSTALLED)  ## speed against a peer, measured in one run
+	$(BIN)/python -m benchmarks
+
+format: $(INSTALLED)  ## mend format and lint
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+lock: $(INSTALLED)  ## resolve the dependencies anew: hashes, no addresses
+	$(UV) pip compile --quiet --universal --generate-hashes --all-extras --group dev \
+	  --python-version 3.11 --no-header --no-annotate --no-emit-index-url --upgrade \
+	  pyproject.toml --output-file requirements.lock
+
+clean:  ## remove the environment and what runs left
+	rm -rf $(VENV) demo-output .pytest_cache .ruff_cache .import_linter_cache

@@ -1,0 +1,49 @@
+"""Calibrates accelerometers and IMUs on the bench a laboratory has.
+
+>>> import inercal
+>>> inercal.calibrate  # doctest: +ELLIPSIS
+<function calibrate at ...>
+
+The names below are loaded when they are first used, so that the command line starts quickly.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from inercal.calibration import Calibration
+    from inercal.calibration.files import load, save
+    from inercal.demonstration import demo
+    from inercal.pipeline import Outcome, apply, calibrate, simulate
+    from inercal.report import report
+
+_HOME = {
+    "Calibration": "inercal.calibration",
+    "Outcome": "inercal.pipeline",
+    "apply": "inercal.pipeline",
+    "calibrate": "inercal.pipeline",
+    "demo": "inercal.demonstration",
+    "load": "inercal.calibration.files",
+    "report": "inercal.report",
+    "save": "inercal.calibration.files",
+    "simulate": "inercal.pipeline",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'inercal' has no attribute {name!r}")
+    return getattr(import_module(_HOME[name]), name)
+
+
+__all__ = [
+    "Calibration",
+    "Outcome",
+    "apply",
+    "calibrate",
+    "demo",
+    "load",
+    "report",
+    "save",
+    "simulate",
+]

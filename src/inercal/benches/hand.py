@@ -1,0 +1,194 @@
+"""Bare hands and a table: the sensor's housing set down on its faces and turned on them.
+
+Up is turned from its nominal body direction by two small tangents t₁, t₂ along d₁, d₂ ⟂ up::
+
+    hold    f = g u,   u = (up + t₁ d₁ + t₂ d₂) / norm
+            ω = Ω sin φ u + e₁ d₁ + e₂ d₂                      (earth rate; azimuth unknown)
+    turn    mean ω = (α + δα) n / (T (1 + τ)) + Ω sin φ f̄ / g,   n tilted as u is
+            mean f = f̄, whatever the accelerometers say it was
+
+Every symbol but the nominal ones is a `Parameter`: drawn in a simulation, estimated as a nuisance
+in a calibration. Ω is earth's rate, φ latitude, T the turn's duration by the recording's clock.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import cos, pi, sin, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.earth import EARTH_RATE
+from inercal.parameters import Parameter
+from inercal.plan import Hold, Step, Turn
+from inercal.units import Measured
+
+Array = NDArray[np.float64]
+DEGREE = pi / 180
+
+
+@dataclass(frozen=True)
+class Hand:
+    """The bench of bare hands; standard deviations in rad and as ratios.
+
+    Parameters
+    ----------
+    gravity : Measured
+        Local gravity, m/s².
+    latitude : float or None
+        rad; None is unknown, and earth's rate then a nuisance altogether.
+    tilt : float
+        How far a face's normal lies from the vertical, each of two directions, rad.
+    turn_angle : float
+        Error of the angle of a turn, rad.
+    turn_tilt : float
+        How far the axis of a turn lies from the body axis, each of two directions, rad.
+    timebase : float
+        Relative error of the recording's clock.
+    """
+
+    gravity: Measured
+    latitude: float | None = None
+    tilt: float = 0.5 * DEGREE
+    turn_angle: float = 1.0 * DEGREE
+    turn_tilt: float = 0.5 * DEGREE
+    timebase: float = 1e-4
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The imperfections, as data."""
+        # Unknown latitude: each component of a vector of known length and unknown direction.
+        known = self.latitude is not None
+        up = EARTH_RATE * sin(self.latitude) if self.latitude is not None else 0.0
+        level = cos(self.latitude) / sqrt(2) if self.latitude is not None else 1 / sqrt(3)
+        return (
+            Parameter("g", "m/s²", self.gravity.sd, "run", self.gravity.value, "local gravity"),
+            Parameter("tilt1", "rad", self.tilt, "position", 0.0, "face against the vertical"),
+            Parameter("tilt2", "rad", self.tilt, "position", 0.0, "face against the vertical"),
+            Parameter(
+                "earth_up",
+                "rad/s",
+                0.0 if known else EARTH_RATE / sqrt(3),
+                "run",
+                up,
+                "earth rate, vertical",
+            ),
+            Parameter("earth1", "rad/s", EARTH_RATE * level, "position", 0.0, "earth rate, level"),
+            Parameter("earth2", "rad/s", EARTH_RATE * level, "position", 0.0, "earth rate, level"),
+            Parameter("angle", "rad", self.turn_angle, "turn", 0.0, "angle of the turn"),
+            Parameter("axis1", "rad", self.turn_tilt, "turn", 0.0, "axis of the turn in the body"),
+            Parameter("axis2", "rad", self.turn_tilt, "turn", 0.0, "axis of the turn in the body"),
+            Parameter("timebase", "1", self.timebase, "run", 0.0, "clock of the recording"),
+        )
+
+    def nuisances(self, steps: Sequence[Step], *, rates: bool) -> dict[str, Parameter]:
+        """Return the parameters that act on these steps, by full name such as "tilt1[x_p]".
+
+        Parameters
+        ----------
+        steps : sequence of Step
+        rates : bool
+            Whether rates are observed; without gyros earth rate and the turns play no part.
+        """
+        found: dict[str, Parameter] = {}
+        turns = any(isinstance(step, Turn) for step in steps)
+        for parameter in self.parameters:
+            if not rates and parameter.name.startswith(("earth", "timebase")):
+                continue
+            if parameter.name == "timebase" and not turns:
+                continue
+            if parameter.scope == "run":
+                found[parameter.name] = parameter
+                continue
+            found |= {
+                f"{parameter.name}[{step.label}]": parameter
+                for step in steps
+                if isinstance(step, Turn) == (parameter.scope == "turn")
+            }
+        return found
+
+
+def across(up: Sequence[float]) -> Array:
+    """Return d₁, d₂, (2, 3): unit vectors with d₁ × d₂ = up (a unit vector)."""
+    vertical = np.asarray(up, dtype=float)
+    helper = np.eye(3)[np.argmin(np.abs(vertical))]
+    first = np.cross(helper, vertical)
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(vertical, first)])
+
+
+def tilted(up: Sequence[float], t: Array) -> tuple[Array, Array]:
+    """Return u, (..., 3), for tangents t, (..., 2), and du/dt, (..., 3, 2)."""
+    d = across(up)
+    norm = np.sqrt(1 + (t**2).sum(-1))[..., None]
+    u = (np.asarray(up) + t @ d) / norm
+    return u, (d.T - u[..., :, None] * t[..., None, :] / norm[..., None]) / norm[..., None]
+
+
+@dataclass(frozen=True, eq=False)
+class Felt:
+    """Mean f and ω of one step, (..., 3), and their derivatives by nuisance name, (..., 3)."""
+
+    f: Array
+    w: Array
+    df: Mapping[str, Array]
+    dw: Mapping[str, Array]
+
+
+def felt(step: Step, duration: float, q: Mapping[str, Array]) -> Felt:
+    """Return what the sensor feels in the mean during a step.
+
+    Parameters
+    ----------
+    step : Step
+    duration : float
+        Of the section, s, by the recording's clock.
+    q : mapping of str to (...) array
+        Nuisances by full name, SI; those missing are zero. A turn's mean specific force is
+        `force_x[label]`, `force_y[label]`, `force_z[label]`.
+    """
+    return _hold(step, q) if isinstance(step, Hold) else _turn(step, duration, q)
+
+
+def _pair(q: Mapping[str, Array], name: str, label: str) -> Array:
+    zero = np.zeros(())
+    pair = [q.get(f"{name}{k}[{label}]", zero) for k in (1, 2)]
+    return np.stack(np.broadcast_arrays(*pair), axis=-1)
+
+
+def _hold(step: Hold, q: Mapping[str, Array]) -> Felt:
+    label = step.label
+    u, du = tilted(step.up, _pair(q, "tilt", label))
+    d = across(step.up)
+    g = q["g"][..., None]
+    up_rate = q.get("earth_up", np.zeros(()))[..., None]
+    level = _pair(q, "earth", label)
+    names = [f"tilt{k}[{label}]" for k in (1, 2)]
+    df = {"g": u} | {name: g * du[..., k] for k, name in enumerate(names)}
+    dw = {"earth_up": u} | {name: up_rate * du[..., k] for k, name in enumerate(names)}
+    dw |= {f"earth{k + 1}[{label}]": np.broadcast_to(d[k], u.shape) for k in range(2)}
+    return Felt(g * u, up_rate * u + level @ d, df, dw)
+
+
+def _turn(step: Turn, duration: float, q: Mapping[str, Array]) -> Felt:
+    label = step.label
+    zero = np.zeros(())
+    n, dn = tilted(step.axis, _pair(q, "axis", label))
+    clock = 1 + q.get("timebase", zero)[..., None]
+    rate = (step.angle + q.get(f"angle[{label}]", zero))[..., None] / (duration * clock)
+    force = np.stack(np.broadcast_arrays(*(q[f"force_{a}[{label}]"] for a in "xyz")), axis=-1)
+    g = q["g"][..., None]
+    up_rate = q.get("earth_up", zero)[..., None]
+    df = {
+        f"force_{a}[{label}]": np.broadcast_to(row, force.shape)
+        for a, row in zip("xyz", np.eye(3), strict=True)
+    }
+    dw = {f"force_{a}[{label}]": up_rate / g * row for a, row in zip("xyz", np.eye(3), strict=True)}
+    dw |= {
+        f"angle[{label}]": n / (duration * clock),
+        "timebase": -rate * n / clock,
+        "earth_up": force / g,
+        "g": -up_rate * force / g**2,
+    }
+    dw |= {f"axis{k + 1}[{label}]": rate * dn[..., k] for k in range(2)}
+    return Felt(force, rate * n + up_rate * force / g, df, dw)

@@ -1,0 +1,124 @@
+"""Carry a plan out in simulation: the true motion, sample by sample, with the bench's errors drawn.
+
+Between steps the sensor is moved smoothly (minimum jerk) from one attitude to the next. The
+samples of a hold or a turn carry its label, those of a move none.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches.hand import Hand, felt, tilted
+from inercal.motion import Motion
+from inercal.plan import Hold, Step, Turn
+
+Array = NDArray[np.float64]
+MOVE_SECONDS = 2.0
+PAUSE_SECONDS = 1.5  # at rest before and after a turn, unlabelled
+_SETTLE = 0.25  # s at rest at either end of a turn's section
+
+
+@dataclass(frozen=True, eq=False)
+class Performance:
+    """Time (n,) s by the recording's clock, motion (trials, n, 3), labels (n,), and the errors."""
+
+    time: Array
+    motion: Motion
+    labels: NDArray[np.str_]
+    drawn: dict[str, Array]
+
+
+def perform(
+    bench: Hand,
+    steps: Sequence[Step],
+    rate_hz: float,
+    rng: np.random.Generator,
+    trials: int = 1,
+) -> Performance:
+    """Return the motion of each trial; trials share times and labels.
+
+    Parameters
+    ----------
+    bench : Hand
+    steps : sequence of Step
+    rate_hz : float
+    rng : Generator
+    trials : int
+    """
+    drawn = {
+        name: parameter.value + parameter.sd * rng.standard_normal(trials)
+        for name, parameter in bench.nuisances(steps, rates=True).items()
+    }
+    parts: list[tuple[Array, Array, str]] = []
+    up = None
+    for step in steps:
+        q = drawn | _up(step, drawn)
+        if up is not None:
+            parts.append((*_move(up, q["up"], drawn["g"], rate_hz), ""))
+        up = q["up"]
+        n = max(round(step.seconds * rate_hz), 1)
+        mean, steady = felt(step, n / rate_hz, q), _steady(step, q)
+        profile = _turn_profile(n, rate_hz) if isinstance(step, Turn) else np.ones(n)
+        f = np.repeat(mean.f[:, None], n, axis=1)
+        w = steady[:, None] + (mean.w - steady)[:, None] * profile[:, None]
+        pause = round(PAUSE_SECONDS * rate_hz) if isinstance(step, Turn) else 0
+        still = (f[:, :1].repeat(pause, axis=1), steady[:, None].repeat(pause, axis=1), "")
+        parts += [still, (f, w, step.label), still]
+    labels = np.concatenate([np.full(f.shape[1], label) for f, _, label in parts])
+    motion = Motion(*(np.concatenate([part[k] for part in parts], axis=1) for k in (0, 1)))
+    return Performance(np.arange(labels.size) / rate_hz, motion, labels, drawn)
+
+
+def _up(step: Step, drawn: dict[str, Array]) -> dict[str, Array]:
+    """Return the body's up during a step and, for a turn, its specific force: up along the axis."""
+    kind, direction = ("tilt", step.up) if isinstance(step, Hold) else ("axis", step.axis)
+    tangent = np.stack([drawn[f"{kind}{k}[{step.label}]"] for k in (1, 2)], axis=-1)
+    up = tilted(direction, tangent)[0]
+    extra = {"up": up}
+    if isinstance(step, Turn):
+        force = drawn["g"][:, None] * up
+        extra |= {f"force_{a}[{step.label}]": force[:, k] for k, a in enumerate("xyz")}
+    return extra
+
+
+def _steady(step: Step, q: dict[str, Array]) -> Array:
+    """Return the part of the rate, (trials, 3), that does not follow the turn's profile."""
+    if isinstance(step, Hold):
+        return felt(step, 1.0, q).w
+    return q["earth_up"][:, None] * q["up"]
+
+
+def _minimum_jerk(s: Array) -> Array:
+    """Return the rate of a rest-to-rest move of unit length and duration at 0 ≤ s ≤ 1."""
+    return 30 * s**2 * (1 - s) ** 2
+
+
+def _turn_profile(n: int, rate_hz: float) -> Array:
+    """Return the rate of a turn over its mean, (n,): rest, minimum jerk, rest."""
+    at_rest = min(round(_SETTLE * rate_hz), n // 4)
+    moving = n - 2 * at_rest
+    profile = np.zeros(n)
+    profile[at_rest : at_rest + moving] = _minimum_jerk((np.arange(moving) + 0.5) / moving)
+    return profile / profile.mean()
+
+
+def _move(start: Array, end: Array, g: Array, rate_hz: float) -> tuple[Array, Array]:
+    """Return f and ω, (trials, n, 3), while the body's up goes from `start` to `end`, (trials, 3).
+
+    Up turns by +θ about a in the body when the body turns by −θ about a.
+    """
+    n = round(MOVE_SECONDS * rate_hz)
+    axis = np.cross(start, end)
+    size = np.linalg.norm(axis, axis=-1, keepdims=True)
+    aside = np.cross(start, np.eye(3)[np.argmin(np.abs(start[0]))])
+    axis = np.where(size > 1e-3, axis, aside)  # from face to opposite face: any level axis
+    axis = axis / np.linalg.norm(axis, axis=-1, keepdims=True)
+    angle = np.arctan2((np.cross(start, end) * axis).sum(-1), (start * end).sum(-1))
+    s = (np.arange(n) + 0.5) / n
+    travelled = angle[:, None] * (10 * s**3 - 15 * s**4 + 6 * s**5)
+    cos, sin = np.cos(travelled)[..., None], np.sin(travelled)[..., None]
+    ups = start[:, None] * cos + np.cross(axis, start)[:, None] * sin
+    rate = -angle[:, None] * _minimum_jerk(s) * rate_hz / n
+    return g[:, None, None] * ups, rate[..., None] * axis[:, None]

@@ -1,0 +1,205 @@
+"""A calibration: coefficients with covariance, how they were found, and what applies them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.calibration.forms import Converted, Frame, ieee1293, reframe
+from inercal.errors import InputError
+from inercal.motion import Motion
+from inercal.recording import Recording
+from inercal.sensors import Sensor, inverse
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """The result of a calibration.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        Axes with their readouts, and the coefficients that were found.
+    values : (p,) array
+        Coefficients in SI, the order of `sensor.coefficients`.
+    covariance : (p, p) array
+        Their covariance, scaled by the Birge ratio where χ² asked for it.
+    method, estimator : str
+    conditions : mapping of str to str
+        Gravity, temperature, bench: in words, with units.
+    provenance : mapping of str to str
+        File, its SHA-256, date, version.
+    notes : tuple of str
+        What the result does not know, in words.
+    frame : "mount", "triangular" or "symmetric"
+        Body frame that the misalignments refer to; see `in_frame`.
+    mount : (3, 3) array
+        Rotation that takes vectors from the mounting frame to this frame.
+    """
+
+    sensor: Sensor
+    values: Array
+    covariance: Array
+    method: str = ""
+    estimator: str = ""
+    conditions: Mapping[str, str] = field(default_factory=dict[str, str])
+    provenance: Mapping[str, str] = field(default_factory=dict[str, str])
+    notes: tuple[str, ...] = ()
+    frame: Frame = "mount"
+    mount: Array = field(default_factory=lambda: np.eye(3))
+
+    def __post_init__(self) -> None:
+        p = len(self.sensor.coefficients)
+        if self.values.shape != (p,) or self.covariance.shape != (p, p):
+            raise InputError(
+                f"calibration of {self.sensor.name}: {p} coefficients, values {self.values.shape}, "
+                f"covariance {self.covariance.shape}"
+            )
+
+    @property
+    def std(self) -> Array:
+        """Standard uncertainty (k = 1) of each coefficient, SI, (p,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def value(self, name: str) -> float:
+        """Return one coefficient in SI by its full name, such as "ax.k0"."""
+        return float(self.values[self._index(name)])
+
+    def uncertainty(self, name: str) -> float:
+        """Return one standard uncertainty (k = 1) in SI by full name."""
+        return float(self.std[self._index(name)])
+
+    def _index(self, name: str) -> int:
+        if name not in self.sensor.coefficients:
+            raise InputError(
+                f"no coefficient {name!r} in this calibration; it has "
+                + ", ".join(self.sensor.coefficients)
+            )
+        return self.sensor.coefficients.index(name)
+
+    def correct(
+        self,
+        recording: Recording | Array,
+        *,
+        f: Array | None = None,
+        w: Array | None = None,
+        dT: Array | float = 0.0,
+    ) -> Motion:
+        """Return the specific force and angular rate behind readings.
+
+        Parameters
+        ----------
+        recording : Recording or (..., n, m) array
+            Readings in output units; of an array, the columns are the sensor's axes in order.
+        f, w : (..., n, 3) arrays, optional
+            What the sensor cannot see for itself (`inercal.sensors.inverse`).
+        dT : (..., n) array or float
+            Temperature minus the reference, K; taken from a recording that has it.
+
+        Returns
+        -------
+        Motion
+            f in m/s², ω in rad/s, in the calibration's frame; zero where there is no such sensor.
+
+        Raises
+        ------
+        InputError
+            A channel is missing or in another unit, or readings are not finite.
+        NotInvertible
+            A reading beyond the fold of the nonlinear terms.
+        """
+        dw = None
+        if isinstance(recording, Recording):
+            data = self._columns(recording)
+            if recording.temperature is not None:
+                dT = recording.temperature - self.sensor.reference_temperature
+        else:
+            data = recording
+        if data.shape[-1] != len(self.sensor.axes):
+            raise InputError(
+                f"{data.shape[-1]} columns for the axes {', '.join(self.sensor.channels)}"
+            )
+        if not np.isfinite(data).all():
+            raise InputError("readings are not finite; drop those samples first")
+        y = self.sensor.to_si(data)
+        if isinstance(recording, Recording) and self.sensor.uses("ai", "ap", "ao"):
+            rough = inverse(self.sensor, y, self.values, f=f, w=w, dT=dT)
+            dw = np.gradient(rough.w, recording.time, axis=-2)
+        return inverse(self.sensor, y, self.values, f=f, w=w, dw=dw, dT=dT)
+
+    def _columns(self, recording: Recording) -> Array:
+        missing = [name for name in self.sensor.channels if name not in recording.channels]
+        if missing:
+            raise InputError(
+                f"{recording.source or 'recording'}: no channel {missing[0]!r}; "
+                f"it has {', '.join(recording.channels)}"
+            )
+        columns = [recording.channels.index(name) for name in self.sensor.channels]
+        for axis, k in zip(self.sensor.axes, columns, strict=True):
+            if axis.readout.unit != recording.units[k]:
+                raise InputError(
+                    f"{recording.source or 'recording'}: channel {axis.name} is in "
+                    f"{recording.units[k]}; this calibration is for {axis.readout.unit}"
+                )
+        return recording.data[..., columns]
+
+    def linear(self) -> tuple[Array, Array]:
+        """Return C, (k, m), and o, (m,), of felt = C (output − o) for an affine model.
+
+        `felt` is f (m/s²) and then ω (rad/s), whichever the sensor has.
+
+        Raises
+        ------
+        InputError
+            The model has nonlinear terms; `correct` applies it.
+        """
+        if not self.sensor.affine:
+            raise InputError("the model has nonlinear terms: no single matrix applies it")
+        rest = Motion(np.zeros((1, 3)))
+        kinds = {axis.measures for axis in self.sensor.axes}
+        columns = [k for k in range(6) if ("f" if k < 3 else "w") in kinds]
+        slope = self.sensor.slope(rest, self.values)[0][:, columns]
+        offset = self.sensor.to_output(self.sensor.forward(rest, self.values))[0]
+        scale = np.array([axis.readout.scale for axis in self.sensor.axes])
+        matrix: Array = np.linalg.pinv(slope) / scale
+        return matrix, offset
+
+    def ieee1293(self) -> Converted:
+        """Return E = K₁ (K₀ + a + K₂ a² + …) of each accelerometer axis, with covariance."""
+        return ieee1293(self.sensor, self.values, self.covariance)
+
+    def in_frame(self, frame: Frame) -> "Calibration":
+        """Return the calibration referred to another body frame.
+
+        "triangular": x along the first input axis, y in the plane of the first two. "symmetric":
+        the closest rotation, so that the misalignment matrix of the accelerometers is symmetric.
+        Exact for any misalignment; the mounting frame cannot be recovered from either.
+
+        Raises
+        ------
+        InputError
+            No accelerometer triad, nonlinear terms, or a frame that is left already.
+        """
+        if frame == self.frame:
+            return self
+        if frame not in ("triangular", "symmetric"):
+            raise InputError(f"frame {frame!r}; 'triangular' or 'symmetric' can be made of 'mount'")
+        sensor, values, covariance, turn = reframe(self.sensor, self.values, self.covariance, frame)
+        return Calibration(
+            sensor,
+            values,
+            covariance,
+            self.method,
+            self.estimator,
+            self.conditions,
+            self.provenance,
+            self.notes,
+            frame,
+            turn @ self.mount,
+        )
+
+
+__all__ = ["Calibration", "Converted", "Frame"]

@@ -1,0 +1,135 @@
+"""Calibrations on disk: versioned JSON, `*.calibration.json`.
+
+Schema "inercal/calibration/1": `sensor` (axes with input and pendulous axes, readout),
+`coefficients` (a list of name, value, std, unit; SI), `covariance` in that order, `conditions`,
+`provenance`, `notes`, `frame`, `mount`, and `sha256`, the hash of all the rest.
+"""
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from inercal.calibration import Calibration
+from inercal.errors import InercalError, InputError
+from inercal.io.atomic import atomic_write
+from inercal.sensors import SI_UNITS, Axis, Readout, Sensor
+
+SCHEMA = "inercal/calibration/1"
+
+
+def as_object(calibration: Calibration) -> dict[str, Any]:
+    """Return the calibration as the JSON object that is written."""
+    sensor = calibration.sensor
+    units = [SI_UNITS[sensor.coefficient(name).unit] for name in sensor.coefficients]
+    rows = zip(sensor.coefficients, calibration.values, calibration.std, units, strict=True)
+    content: dict[str, Any] = {
+        "schema": SCHEMA,
+        "sensor": {
+            "name": sensor.name,
+            "form": sensor.form,
+            "reference_temperature_K": sensor.reference_temperature,
+            "axes": [
+                {
+                    "name": axis.name,
+                    "measures": axis.measures,
+                    "i": list(axis.i),
+                    "p": list(axis.p),
+                    "readout": {
+                        "scale": axis.readout.scale,
+                        "offset": axis.readout.offset,
+                        "unit": axis.readout.unit,
+                        "full_scale": axis.readout.full_scale,
+                    },
+                }
+                for axis in sensor.axes
+            ],
+        },
+        "method": calibration.method,
+        "estimator": calibration.estimator,
+        "coefficients": [
+            {"name": name, "value": float(value), "std": float(std), "unit": unit}
+            for name, value, std, unit in rows
+        ],
+        "covariance": calibration.covariance.tolist(),
+        "frame": calibration.frame,
+        "mount": calibration.mount.tolist(),
+        "conditions": dict(calibration.conditions),
+        "provenance": dict(calibration.provenance),
+        "notes": list(calibration.notes),
+    }
+    return content | {"sha256": _hash(content)}
+
+
+def _hash(content: dict[str, Any]) -> str:
+    text = json.dumps(content, sort_keys=True, ensure_ascii=False, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def save(calibration: Calibration, path: str | Path) -> Path:
+    """Write the calibration; the file appears whole or not at all. Return its path."""
+    with atomic_write(Path(path)) as temporary:
+        text = json.dumps(as_object(calibration), indent=1, ensure_ascii=False)
+        temporary.write_text(text + "\n", encoding="utf-8")
+    return Path(path)
+
+
+def load(path: str | Path) -> Calibration:
+    """Read a calibration.
+
+    Raises
+    ------
+    InputError
+        No such file, not JSON, another schema, a broken hash, or fields that do not fit.
+    """
+    path = Path(path)
+    content: Any
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such calibration file") from None
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: not a calibration file: {error}") from None
+    fields = cast(dict[str, Any], content) if isinstance(content, dict) else {}
+    if fields.get("schema") != SCHEMA:
+        found = fields.get("schema")
+        raise InputError(f"{path}: schema {found!r}; this version reads {SCHEMA!r}")
+    stated = fields.pop("sha256", None)
+    if stated != _hash(fields):
+        raise InputError(
+            f"{path}: changed since it was written (its SHA-256 differs); calibrate again or "
+            "restore the file"
+        )
+    try:
+        return _from_object(fields)
+    except (KeyError, TypeError, ValueError, InercalError) as error:
+        raise InputError(f"{path}: broken calibration file: {error}") from None
+
+
+def _from_object(content: dict[str, Any]) -> Calibration:
+    described = content["sensor"]
+    axes = tuple(
+        Axis(a["name"], a["measures"], tuple(a["i"]), tuple(a["p"]), Readout(**a["readout"]))
+        for a in described["axes"]
+    )
+    sensor = Sensor(
+        described["name"],
+        axes,
+        tuple(c["name"] for c in content["coefficients"]),
+        described["form"],
+        described["reference_temperature_K"],
+    )
+    return Calibration(
+        sensor,
+        np.array([c["value"] for c in content["coefficients"]], dtype=float),
+        np.array(content["covariance"], dtype=float),
+        content["method"],
+        content["estimator"],
+        content["conditions"],
+        content["provenance"],
+        tuple(content["notes"]),
+        content["frame"],
+        np.array(content["mount"], dtype=float),
+    )

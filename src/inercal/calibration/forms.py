@@ -1,0 +1,157 @@
+"""One calibration in other forms: IEEE Std 1293's equation, and other body frames.
+
+The misalignments and scales of a triad make a matrix M, reading = M f + bias. Turning the body
+frame by a rotation Q, f' = Q f, leaves the readings and changes the matrices exactly::
+
+    M' = M Qᵀ        accelerometers and gyros alike
+    G' = G Qᵀ        gyros' sensitivity to f
+
+"triangular" takes Q from M = L Q, L lower triangular; "symmetric" from the polar form M = S Q.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal import frames
+from inercal.errors import InputError
+from inercal.sensors import G0, Sensor
+from inercal.uncertainty import propagate
+
+Array = NDArray[np.float64]
+Frame = Literal["mount", "triangular", "symmetric"]
+_AFFINE = {"k0", "k1", "bias", "scale", "delta_o", "delta_p", "g_i", "g_p", "g_o"}
+
+
+@dataclass(frozen=True, eq=False)
+class Converted:
+    """Coefficients in another form.
+
+    Parameters
+    ----------
+    names, units : tuple of str
+    values : (q,) array
+        In those units.
+    covariance : (q, q) array
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: Array
+    covariance: Array
+
+    @property
+    def std(self) -> Array:
+        """Standard uncertainties (k = 1), (q,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+def ieee1293(sensor: Sensor, values: Array, covariance: Array) -> Converted:
+    """Return the coefficients of E = K₁ (K₀ + a + K₂ a² + δ_O a_P − δ_P a_O + …).
+
+    E is the output minus the readout's offset, a in g. Names are "x.K1" (output units per g) and
+    "x." + the name in the table for the rest, all referred to the input: divided by 1 + k1.
+    Misalignments are in rad, the others in powers of g.
+
+    Raises
+    ------
+    InputError
+        No accelerometer axis.
+    """
+    names: list[str] = []
+    units: list[str] = []
+    for axis in sensor.axes:
+        if axis.measures != "f":
+            continue
+        names.append(f"{axis.name}.K1")
+        units.append(f"{axis.readout.unit}/g")
+        for full in sensor.coefficients:
+            name, _, short = full.partition(".")
+            if name == axis.name and short != "k1":
+                names.append(full)
+                units.append("rad" if short.startswith("delta") else _in_g(sensor, full))
+    if not names:
+        raise InputError(f"sensor {sensor.name} has no accelerometer")
+    scales = {axis.name: axis.readout.scale * G0 for axis in sensor.axes}
+
+    def convert(c: Array) -> Array:
+        by_name = dict(zip(sensor.coefficients, c, strict=True))
+        result: list[float] = []
+        for full in names:
+            axis, _, short = full.partition(".")
+            gain = 1 + by_name.get(f"{axis}.k1", 0.0)
+            if short == "K1":
+                result.append(scales[axis] * gain)
+            elif short.startswith("delta"):
+                result.append(by_name[full] / (gain if sensor.form == "reference" else 1.0))
+            else:
+                result.append(by_name[full] / gain / sensor.coefficient(full).natural)
+        return np.array(result)
+
+    found, spread = propagate(convert, values, covariance)
+    return Converted(tuple(names), tuple(units), found, spread)
+
+
+def _in_g(sensor: Sensor, full: str) -> str:
+    """Return the unit with µg replaced by g, mm by m and ppm by 1."""
+    unit = sensor.coefficient(full).unit
+    return unit.replace("µg", "g").replace("mm", "g/(rad/s)²").replace("ppm", "1")
+
+
+def reframe(
+    sensor: Sensor, values: Array, covariance: Array, frame: Frame
+) -> tuple[Sensor, Array, Array, Array]:
+    """Return sensor, values, covariance and Q for the body frame `frame`.
+
+    Raises
+    ------
+    InputError
+        Not an accelerometer triad (with or without a gyro triad), or terms beyond the affine ones.
+    """
+    beyond = [n for n in sensor.coefficients if n.partition(".")[2] not in _AFFINE]
+    if beyond:
+        raise InputError(f"{', '.join(beyond)} do not turn with the frame: only affine terms do")
+    kinds = [axis.measures for axis in sensor.axes]
+    if kinds not in (["f"] * 3, ["f"] * 3 + ["w"] * 3):
+        raise InputError("only a triad of accelerometers, with or without gyros, can change frame")
+    groups = ("bias", "scale", "misalignment", "g") if len(kinds) == 6 else (
+        "bias", "scale", "misalignment"
+    )  # fmt: skip
+    full = sensor.with_coefficients(*groups)
+    frames_of = np.stack([axis.frame for axis in sensor.axes])
+
+    def matrices(c: Array) -> tuple[Array, Array, dict[str, float]]:
+        by_name = dict.fromkeys(full.coefficients, 0.0)
+        by_name |= dict(zip(sensor.coefficients, c, strict=True))
+        own = np.zeros((len(kinds), 3))
+        force = np.zeros((len(kinds), 3))
+        for k, axis in enumerate(sensor.axes):
+            scale = "k1" if axis.measures == "f" else "scale"
+            row = [1 + by_name[f"{axis.name}.{scale}"]]
+            row += [by_name[f"{axis.name}.delta_o"], -by_name[f"{axis.name}.delta_p"]]
+            own[k] = np.array(row) @ frames_of[k]
+            if axis.measures == "w":
+                force[k] = [by_name[f"{axis.name}.g_{s}"] for s in "ipo"] @ frames_of[k]
+        return own, force, by_name
+
+    def rotation(c: Array) -> Array:
+        split = frames.triangular if frame == "triangular" else frames.symmetric
+        return split(matrices(c)[0][:3])[1]
+
+    def convert(c: Array) -> Array:
+        own, force, by_name = matrices(c)
+        turn = rotation(c)
+        own, force = own @ turn.T, force @ turn.T
+        for k, axis in enumerate(sensor.axes):
+            along, felt = frames_of[k] @ own[k], frames_of[k] @ force[k]
+            scale = "k1" if axis.measures == "f" else "scale"
+            by_name[f"{axis.name}.{scale}"] = along[0] - 1
+            by_name[f"{axis.name}.delta_o"], by_name[f"{axis.name}.delta_p"] = along[1], -along[2]
+            if axis.measures == "w":
+                by_name |= {f"{axis.name}.g_{s}": felt[j] for j, s in enumerate("ipo")}
+        return np.array([by_name[name] for name in full.coefficients])
+
+    found, spread = propagate(convert, values, covariance)
+    return full, found, spread, rotation(values)

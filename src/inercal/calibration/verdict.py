@@ -1,0 +1,74 @@
+"""What the result says and what it does not know, in plain words, computed from the numbers."""
+
+from collections.abc import Sequence
+
+from inercal.estimate import Estimate
+from inercal.recording import Finding
+from inercal.sensors import Sensor
+from inercal.units import digits
+
+COVERAGE = 2.0  # U = k u; about 95 % for the degrees of freedom met here
+
+
+def verdict(
+    estimate: Estimate, sensor: Sensor, findings: Sequence[Finding], estimator: str
+) -> tuple[str, ...]:
+    """Return lines; the first is the summary.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Without a trial axis.
+    sensor : Sensor
+    findings : sequence of Finding
+    estimator : str
+    """
+    p = len(sensor.coefficients)
+    lines: list[str] = []
+    if not estimate.dof:
+        lines.append(
+            f"{p} coefficients found; the formulas leave nothing over to test them with, and the "
+            "uncertainties hold the noise of the means alone: fixture, turn angle and gravity are "
+            "taken as exact"
+        )
+    elif estimate.consistent:
+        lines.append(
+            f"{p} coefficients found; the data agree with the stated noise and bench "
+            f"(χ² = {estimate.chi2:.1f} with {estimate.dof} degrees of freedom, "
+            f"p = {float(estimate.p_value):.2f})"
+        )
+    else:
+        lines.append(
+            f"{p} coefficients found, but the residuals are larger than noise and bench allow "
+            f"(χ² = {estimate.chi2:.1f} with {estimate.dof} degrees of freedom, "
+            f"p = {float(estimate.p_value):.1g}): all uncertainties are scaled by "
+            f"{float(estimate.birge):.2f}; look at the residuals for the position that sticks out"
+        )
+    if estimate.dof:
+        lines += _leading(estimate, sensor)
+    lines += [
+        f"{name} comes out at {1 + value:.3g} times nominal: the axis is reversed or the nominal "
+        "scale is wrong"
+        for name, value in zip(sensor.coefficients, estimate.value[:p], strict=True)
+        if name.partition(".")[2] in ("k1", "scale") and not 0.5 < 1 + value < 2
+    ]
+    lines += [f.message for f in findings if f.severity == "warning"]
+    return tuple(lines)
+
+
+def _leading(estimate: Estimate, sensor: Sensor) -> list[str]:
+    """Name the least known coefficient of each group, in its unit."""
+    p = len(sensor.coefficients)
+    measures = {axis.name: axis.measures for axis in sensor.axes}
+    groups: dict[str, list[int]] = {}
+    for k, name in enumerate(sensor.coefficients):
+        kind = "accelerometer" if measures[name.partition(".")[0]] == "f" else "gyro"
+        groups.setdefault(f"{kind} {sensor.coefficient(name).group}", []).append(k)
+    std = estimate.std[:p]
+    parts: list[str] = []
+    for group, members in groups.items():
+        worst = max(members, key=lambda k: float(std[k]))
+        line = sensor.coefficient(sensor.coefficients[worst])
+        size = digits(0.0, COVERAGE * float(std[worst]) / line.si)[1]
+        parts.append(f"{group} {size} {line.unit}")
+    return ["expanded uncertainties (k = 2) are at most: " + ", ".join(parts)]

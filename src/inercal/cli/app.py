@@ -1,0 +1,43 @@
+"""The `inercal` program. Verbs import what they run inside their function: help stays quick."""
+
+import sys
+
+import typer
+
+from inercal.cli import apply, calibrate, demo, report, simulate
+from inercal.errors import InercalError
+
+app = typer.Typer(
+    name="inercal",
+    help="Calibrate accelerometers and IMUs, and say how well the result is known.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+)
+for verb in (demo, calibrate, simulate, apply, report):
+    app.command(verb.NAME)(verb.run)
+
+
+@app.callback(invoke_without_command=True)
+def _options(
+    version: bool = typer.Option(False, "--version", help="Print the version and stop."),
+) -> None:
+    if version:
+        from importlib.metadata import version as installed
+
+        print(f"inercal {installed('inercal')}")
+        raise typer.Exit
+
+
+def main() -> None:
+    """Run the program: a mistake of the user's is one line on standard error and status 2."""
+    try:
+        app()
+    except InercalError as error:
+        print(f"inercal: {error}", file=sys.stderr)
+        sys.exit(2)
+    except BrokenPipeError:
+        sys.exit(0)  # whoever read our output has seen enough
+    except KeyboardInterrupt:
+        print("inercal: stopped; nothing was written", file=sys.stderr)
+        sys.exit(130)

@@ -1,0 +1,32 @@
+"""`inercal apply`: correct a recording with a calibration."""
+
+from pathlib import Path
+
+import typer
+
+NAME = "apply"
+
+
+def run(
+    calibration_file: Path = typer.Argument(help="A *.calibration.json file."),
+    run_file: Path = typer.Argument(help="The run file whose [data] names recording and columns."),
+    out: Path = typer.Option(..., "--out", "-o", help="The corrected recording to write."),
+    json: bool = typer.Option(False, "--json", help="Print one JSON object."),
+) -> None:
+    """Correct a recording: specific force in m/s², angular rate in rad/s."""
+    from inercal.calibration.files import load
+    from inercal.cli.show import as_json, working
+    from inercal.io.write import write_recording
+    from inercal.pipeline import apply
+    from inercal.runfile import read
+
+    calibration = load(calibration_file)
+    plan = read(run_file)
+    with working(f"correcting {plan.data.file}"):
+        corrected = apply(calibration, plan)
+        write_recording(corrected, out)
+    if json:
+        as_json({"recording": str(out), "samples": int(corrected.time.size)})
+    else:
+        units = ", ".join(dict.fromkeys(corrected.units))
+        print(f"wrote {out}: {corrected.time.size} samples in {units}")

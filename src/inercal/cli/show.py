@@ -1,0 +1,67 @@
+"""What the verbs print: a table of coefficients, verdicts, JSON."""
+
+import json
+import sys
+from collections.abc import Generator, Mapping
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from inercal.pipeline import Outcome
+
+
+@contextmanager
+def working(what: str) -> Generator[None]:
+    """Show on standard error what is going on, while it does."""
+    from rich.console import Console
+
+    with Console(stderr=True).status(what):
+        yield
+
+
+def as_json(content: Mapping[str, Any]) -> None:
+    """Print one object on standard output."""
+    json.dump(content, sys.stdout, indent=1, ensure_ascii=False)
+    sys.stdout.write("\n")
+
+
+def as_table(outcome: "Outcome", truth: Mapping[str, float]) -> None:
+    """Print the coefficients with U (k = 2), and the error over u where the truth is known."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from inercal.calibration.verdict import COVERAGE
+    from inercal.units import digits
+
+    calibration = outcome.calibration
+    table = Table(title=f"{calibration.sensor.name}: {calibration.method}, {calibration.estimator}")
+    table.add_column("coefficient")
+    table.add_column("meaning")
+    for heading in ("value", "U (k = 2)"):
+        table.add_column(heading, justify="right")
+    table.add_column("unit")
+    if truth:
+        table.add_column("error / u", justify="right")
+    previous = ""
+    for name, value, std in zip(
+        calibration.sensor.coefficients, calibration.values, calibration.std, strict=True
+    ):
+        line = calibration.sensor.coefficient(name)
+        axis = name.partition(".")[0]
+        if previous and axis != previous:
+            table.add_section()
+        previous = axis
+        cells = digits(value / line.si, COVERAGE * std / line.si)
+        error = [f"{(value - truth.get(name, 0.0)) / std:+.2f}"] if truth else []
+        table.add_row(name, line.meaning, *cells, line.unit, *error)
+    console = Console()
+    console.print(table)
+    summary, *others = outcome.verdict
+    console.print(f"[bold]{_plain(summary)}[/bold]")
+    for text in others:
+        console.print(f"· {_plain(text)}")
+
+
+def _plain(text: str) -> str:
+    """Return text in which rich sees no markup."""
+    return text.replace("[", r"\[")

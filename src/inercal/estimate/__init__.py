@@ -1,0 +1,21 @@
+"""Estimation: a problem in, an estimate with covariance and its null space out. No sensor words."""
+
+from inercal.estimate.factors import Gauge, Gaussian
+from inercal.estimate.least_squares import least_squares
+from inercal.estimate.linear import linear
+from inercal.estimate.loss import Cauchy, Huber
+from inercal.estimate.nullspace import NullDirection
+from inercal.estimate.problem import Problem
+from inercal.estimate.result import Estimate
+
+__all__ = [
+    "Cauchy",
+    "Estimate",
+    "Gauge",
+    "Gaussian",
+    "Huber",
+    "NullDirection",
+    "Problem",
+    "least_squares",
+    "linear",
+]

@@ -1,0 +1,176 @@
+"""What the data determine: rank, singular values, and the free directions in words.
+
+With the whitened Jacobian in units of each parameter's typical size, a singular value says how many
+standard deviations of the noise a move of one typical size makes. The nuisances are marginalised
+first, with what is known of them: their columns are projected out. Directions that no row sees are
+then written in their reduced row echelon form, which keeps separate degeneracies apart.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.errors import NotObserved
+from inercal.estimate.problem import Problem
+from inercal.estimate.system import Point, System
+
+Array = NDArray[np.float64]
+
+# Relative to the best seen direction. Rounding leaves about 1e-14; a direction this much weaker
+# than the best is of no use on any bench.
+_NOTHING = 1e-10
+_TERMS = 6  # the most that words list of one direction
+
+
+@dataclass(frozen=True)
+class NullDirection:
+    """A combination of parameters, in units of their typical sizes.
+
+    Parameters
+    ----------
+    weights : dict of str to float
+        How much of each parameter; the largest is one.
+    words : str
+        For a person: "z.k0 + 0.98 z.k1 (in units of their typical size)".
+    """
+
+    weights: dict[str, float]
+    words: str
+
+
+class Structure(NamedTuple):
+    """What is determined of the wanted parameters at one point."""
+
+    rank: int
+    singular_values: Array  # descending
+    null_directions: tuple[NullDirection, ...]
+    weakest: NullDirection | None
+
+
+def judge(system: System, point: Point) -> Structure:
+    """Return what the data determine at a point of the first trial.
+
+    Priors on wanted parameters do not count as seeing, but they may cover what is not seen.
+
+    Raises
+    ------
+    NotObserved
+        A direction that neither the data nor a prior nor a gauge determines.
+    """
+    problem = system.problem
+    rows = [
+        marginal.rows(problem.names)[0]
+        for prior in problem.priors
+        if (marginal := prior.marginal(problem.nuisances))
+    ]
+    nuisance_rows = np.concatenate([np.zeros((0, len(problem.names))), *rows])
+    seen = _structure(system, point, nuisance_rows)
+    if seen.null_directions:
+        free = _structure(system, point, system.prior_full).null_directions
+        if free:
+            words = tuple(direction.words for direction in free)
+            raise NotObserved(
+                f"the data leave {len(words)} combination{'s' * (len(words) > 1)} of parameters"
+                f" free: {'; '.join(words)}; leave parameters out, or give a prior or a gauge",
+                words,
+            )
+    return seen
+
+
+def _structure(system: System, point: Point, prior_rows: Array) -> Structure:
+    """Return the structure with these prior rows (b, p) and no others."""
+    problem, data = system.problem, point.weight[0][:, None] * point.rows[0]
+    if system.basis is None:
+        moves = np.eye(len(problem.names))
+        rows = np.concatenate([data, prior_rows]) * problem.scale
+    else:
+        moves = system.basis / problem.scale[:, None]
+        rows = np.concatenate([data, prior_rows @ system.basis])
+
+    # Coordinates of the free moves: those that move wanted parameters, and those that do not.
+    wanted = [problem.names.index(name) for name in problem.wanted]
+    left, size, right = np.linalg.svd(moves[wanted])
+    n = int(np.sum(size > _NOTHING))
+    left, along, beside = left[:, :n], right[:n].T / size[:n], right[n:].T
+
+    nuisance = rows @ beside
+    q, s, v = np.linalg.svd(nuisance, full_matrices=False)
+    # The rows of a wide prior are weak but real, so only rounding counts as nothing here.
+    determined = s > 1e-14 * np.max(s, initial=0.0)
+    loose = np.concatenate([v[~determined], np.linalg.svd(nuisance)[2][len(s) :]])
+    q = q[:, determined]
+
+    direct = rows @ along
+    reference = np.linalg.norm(direct, 2) if direct.size else 0.0
+    _, s, v = np.linalg.svd(direct - q @ (q.T @ direct))
+    rank = int(np.sum(s > _NOTHING * reference))
+    singular = np.concatenate([s, np.zeros(n - len(s))])
+
+    null = v[rank:] @ left.T
+    directions = _named(problem, point.x[0], null)
+    directions += [_direction(problem.names, w) for w in _echelon(loose @ (moves @ beside).T)]
+    weakest = None
+    if rank:
+        weights = v[rank - 1] @ left.T
+        weights = weights / weights[np.argmax(np.abs(weights))]
+        weakest = _direction(problem.wanted, np.where(np.abs(weights) > 0.05, weights, 0.0))
+    return Structure(rank, singular, tuple(directions), weakest)
+
+
+def _named(problem: Problem, x: Array, null: Array) -> list[NullDirection]:
+    """Return the null directions, rows (q, wanted): the known ones first, then the others."""
+    directions: list[NullDirection] = []
+    wanted = [problem.names.index(name) for name in problem.wanted]
+    for words, known in problem.known_nulls:
+        vectors = np.atleast_2d(known(x) if callable(known) else known) / problem.scale
+        _, size, span = np.linalg.svd(vectors[:, wanted], full_matrices=False)
+        span = span[size > _NOTHING * np.max(size, initial=0.0)]
+        # Directions common to both spaces have a principal angle of zero (Björck and Golub 1973).
+        _, cosine, turn = np.linalg.svd(null @ span.T)
+        common = turn[: len(cosine)][cosine > 1 - 1e-9] @ span
+        if len(common):
+            found = [_direction(problem.wanted, w) for w in _echelon(common)]
+            directions += [NullDirection(d.weights, f"{words}: {d.words}") for d in found]
+            # Keep the part of the null space that is orthogonal to what has been named.
+            null = np.linalg.svd(null - (null @ common.T) @ common, full_matrices=False)[2]
+            null = null[: len(null) - len(common)]
+    return directions + [_direction(problem.wanted, w) for w in _echelon(null)]
+
+
+def _echelon(rows: Array) -> Array:
+    """Return the reduced row echelon form of independent rows, each with largest pivot one."""
+    rows = rows.copy()
+    for i in range(len(rows)):
+        # Among equals the first parameter is the pivot, so that rounding does not choose.
+        size = np.max(np.abs(rows[i:]), axis=0)
+        column = int(np.flatnonzero(size > 0.999 * np.max(size))[0])
+        pivot = i + int(np.argmax(np.abs(rows[i:, column])))
+        rows[[i, pivot]] = rows[[pivot, i]]
+        rows[i] /= rows[i, column]
+        others = np.arange(len(rows)) != i
+        rows[others] -= rows[others, column : column + 1] * rows[i]
+    if len(rows):
+        largest = np.argmax(np.abs(rows), axis=1)
+        rows /= rows[np.arange(len(rows)), largest, None]
+    return np.where(np.abs(rows) > 1e-6, rows, 0.0)
+
+
+def _direction(names: Sequence[str], weights: Array) -> NullDirection:
+    """Put a direction into words, its largest parameters only."""
+    chosen = {name: float(w) for name, w in zip(names, weights, strict=True) if w != 0}
+    largest = sorted(chosen, key=lambda name: -abs(round(chosen[name], 9)))[:_TERMS]
+    words = ""
+    for name in (name for name in chosen if name in largest):
+        size = f"{abs(chosen[name]):.3g}"
+        sign = " − " if chosen[name] < 0 else " + "
+        words += (sign if words or chosen[name] < 0 else "") + ("" if size == "1" else size + " ")
+        words += name
+    words = words.strip().replace("− ", "−", 1) if words.startswith(" −") else words
+    if len(chosen) > _TERMS:
+        words += f" and {len(chosen) - _TERMS} more"
+    if len(chosen) > 1:
+        words += " (in units of their typical size)"
+    return NullDirection(chosen, words)

@@ -1,0 +1,101 @@
+"""An estimation problem: what is asked for, what was observed, what is known beforehand.
+
+y = h(x) + noise, where x holds the wanted parameters and the nuisances. `linearise` gives the
+residual y − h(x) and the exact derivative ∂h/∂x. Everything may carry a leading axis of trials,
+which are separate problems of one structure.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.errors import InputError
+from inercal.estimate.factors import Gauge, Gaussian
+
+Array = NDArray[np.float64]
+Linearise = Callable[[Array], tuple[Array, Array]]
+KnownNull = tuple[str, Array | Callable[[Array], Array]]
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Parameters, observations through `linearise`, their noise, priors and gauges.
+
+    Parameters
+    ----------
+    names : tuple of str
+        The p parameters; their order is that of every vector.
+    start : (p,) or (trials, p) array
+        Where the search starts and where it is judged what can be observed: wanted parameters at
+        nominal, nuisances at their prior mean.
+    linearise : callable
+        x, shaped as `start` or (trials, p), to the residual y − h(x), (..., m), and the Jacobian
+        ∂h/∂x, (..., m, p). Where there are trials, it is always called for all of them.
+    noise : array or callable
+        Standard deviation of the observations, (m,) or (trials, m), or their covariance, (m, m) or
+        (trials, m, m); an (m, m) array is always a covariance. Or a callable of x giving either:
+        weights that are frozen within a step and renewed between steps.
+    scale : (p,) array
+        Typical size of each parameter, positive; it makes singular values free of units.
+    priors : tuple of Gaussian
+        Knowledge from elsewhere; factors of each other where they share a name.
+    gauges : tuple of Gauge
+        Exact constraints.
+    wanted : tuple of str, optional
+        The parameters asked for (all, when empty); the others are nuisances.
+    observations : tuple of str, optional
+        One label for each of the m observations.
+    known_nulls : tuple of (words, direction)
+        Directions that a method knows to be unobservable in some plans, with their names: a vector
+        (p,) or vectors (k, p) in the parameters' units, or a callable of x (p,) giving them.
+
+    Raises
+    ------
+    InputError
+        Shapes that do not fit, unknown names, values that are not finite or not positive.
+    """
+
+    names: tuple[str, ...]
+    start: Array
+    linearise: Linearise
+    noise: Array | Callable[[Array], Array]
+    scale: Array
+    priors: tuple[Gaussian, ...] = ()
+    gauges: tuple[Gauge, ...] = ()
+    wanted: tuple[str, ...] = ()
+    observations: tuple[str, ...] = ()
+    known_nulls: tuple[KnownNull, ...] = ()
+
+    def __post_init__(self) -> None:
+        p = len(self.names)
+        if len(set(self.names)) != p:
+            twice = sorted({name for name in self.names if self.names.count(name) > 1})
+            raise InputError(f"parameter named twice: {', '.join(twice)}")
+        if self.start.shape[-1:] != (p,) or self.start.ndim > 2:
+            raise InputError(
+                f"start has shape {self.start.shape}; expected ({p},) or (trials, {p})"
+            )
+        if not np.all(np.isfinite(self.start)):
+            raise InputError("start is not finite")
+        if self.scale.shape != (p,) or not np.all(np.isfinite(self.scale) & (self.scale > 0)):
+            raise InputError(f"scale must be {p} finite, positive sizes, one for each parameter")
+        for what, factors in (("prior", self.priors), ("gauge", self.gauges)):
+            for factor in factors:
+                self._known(factor.names, what)
+        self._known(self.wanted, "wanted")
+        if not self.wanted:
+            object.__setattr__(self, "wanted", self.names)
+
+    def _known(self, names: tuple[str, ...], what: str) -> None:
+        unknown = [name for name in names if name not in self.names]
+        if unknown:
+            raise InputError(
+                f"{what}: no parameter '{unknown[0]}'; this problem has {', '.join(self.names)}"
+            )
+
+    @property
+    def nuisances(self) -> tuple[str, ...]:
+        """The parameters that are not wanted."""
+        return tuple(name for name in self.names if name not in self.wanted)

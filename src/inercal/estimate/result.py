@@ -1,0 +1,128 @@
+"""What an estimator returns: values with their covariance, and how far they can be trusted.
+
+χ² counts the whitened residuals of the observations and of the priors; its degrees of freedom are
+observations + prior rows + gauge rows − parameters. Where χ² exceeds its 95 % bound the noise or
+the model was stated too well, and uncertainties are enlarged by the Birge ratio √(χ²/ν)
+(Birge 1932, Physical Review 40, 207–227).
+"""
+# pyright: reportMissingTypeStubs=false
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc, chdtri
+
+from inercal.errors import InputError
+from inercal.estimate.nullspace import NullDirection
+
+Array = NDArray[np.float64]
+_LEVEL = 0.95
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """The solution of a problem, or of one problem for each trial.
+
+    Parameters
+    ----------
+    names : tuple of str
+        The p parameters, in the order of every vector.
+    value : (..., p) array
+        Estimates.
+    covariance : (..., p, p) array
+        Their covariance as modelled, from the stated noise and priors; NaN where it does not exist.
+    chi2 : (...) array
+        Sum of squared whitened residuals; with a robust loss each counts as its limited pull ψ.
+    dof : int
+        Degrees of freedom of `chi2`.
+    residual, whitened : (..., m) array
+        y − h(x) in the observations' units, and whitened (no robust weights).
+    observations : tuple of str
+        Their labels, or empty.
+    wanted : tuple of str
+        The parameters asked for.
+    rank : int
+        How many directions of the wanted parameters the data determine (first trial).
+    singular_values : array
+        Of those directions, descending: noise standard deviations per typical size.
+    null_directions : tuple of NullDirection
+        What the data leave free, and a prior therefore decides.
+    weakest : NullDirection or None
+        The direction that the data see least.
+    converged : (...) bool array
+        False where the search ended without a minimum: such a value must not be used.
+    iterations : (...) int array
+        Steps tried.
+    """
+
+    names: tuple[str, ...]
+    value: Array
+    covariance: Array
+    chi2: Array
+    dof: int
+    residual: Array
+    whitened: Array
+    observations: tuple[str, ...]
+    wanted: tuple[str, ...]
+    rank: int
+    singular_values: Array
+    null_directions: tuple[NullDirection, ...]
+    weakest: NullDirection | None
+    converged: NDArray[np.bool_]
+    iterations: NDArray[np.intp]
+
+    @property
+    def p_value(self) -> Array:
+        """Probability of a χ² at least as large if noise and model are as stated; 1 without dof."""
+        return chdtrc(self.dof, self.chi2) if self.dof else np.ones(np.shape(self.chi2))
+
+    @property
+    def consistent(self) -> NDArray[np.bool_]:
+        """True where χ² is within its one-sided 95 % bound."""
+        if not self.dof:
+            return np.ones(np.shape(self.chi2), dtype=bool)
+        return self.chi2 <= chdtri(self.dof, 1 - _LEVEL)
+
+    @property
+    def birge(self) -> Array:
+        """Factor on the uncertainties, (...): 1 where consistent, else √(χ²/ν)."""
+        return np.where(self.consistent, 1.0, np.sqrt(self.chi2 / max(self.dof, 1)))
+
+    @property
+    def stated_covariance(self) -> Array:
+        """Covariance to state, (..., p, p): as modelled, times the square of the Birge ratio."""
+        return self.birge[..., None, None] ** 2 * self.covariance
+
+    @property
+    def std(self) -> Array:
+        """Standard uncertainties to state, (..., p)."""
+        return np.sqrt(np.diagonal(self.stated_covariance, axis1=-2, axis2=-1))
+
+    @property
+    def correlation(self) -> Array:
+        """Correlation coefficients, (..., p, p); zero where a gauge leaves no uncertainty."""
+        sd = np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1))
+        product = sd[..., :, None] * sd[..., None, :]
+        return self.covariance / np.where(product > 0, product, 1.0)
+
+    def select(self, names: Sequence[str]) -> "Estimate":
+        """Return the estimate of these parameters only, in this order.
+
+        Raises
+        ------
+        InputError
+            A name that was not estimated.
+        """
+        unknown = [name for name in names if name not in self.names]
+        if unknown:
+            raise InputError(f"'{unknown[0]}' was not estimated; there are {', '.join(self.names)}")
+        index = [self.names.index(name) for name in names]
+        return replace(
+            self,
+            names=tuple(names),
+            value=self.value[..., index],
+            covariance=self.covariance[..., index, :][..., index],
+            wanted=tuple(name for name in self.wanted if name in names),
+        )

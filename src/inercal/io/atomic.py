@@ -1,0 +1,45 @@
+"""Files that appear whole or not at all."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from uuid import uuid4
+
+from inercal.errors import InputError
+
+
+@contextmanager
+def atomic_write(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Give a temporary path in the folder of `path`, renamed to it when the block succeeds.
+
+    A reader sees the old file or the new one; a block that fails leaves the old file as it was.
+
+    Raises
+    ------
+    InputError
+        The folder is missing or cannot be written, the disk is full, or `path` is a folder.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> target = Path(tempfile.mkdtemp()) / "result.txt"
+    >>> with atomic_write(target) as temporary:
+    ...     _ = temporary.write_text("done")
+    >>> target.read_text()
+    'done'
+    """
+    target = Path(path)
+    # Opened by the caller under the user's umask, which tempfile would override with 0600.
+    temporary = target.with_name(f".{uuid4().hex}.part")
+    try:
+        if target.is_dir():
+            raise InputError(f"{target} is a folder; name a file to write")
+        yield temporary
+        os.replace(temporary, target)
+    except OSError as error:
+        if error.filename in (None, str(temporary), str(target), temporary, target):
+            raise InputError(f"{target} cannot be written: {error.strerror or error}") from error
+        raise
+    finally:
+        temporary.unlink(missing_ok=True)

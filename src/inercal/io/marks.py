@@ -1,0 +1,50 @@
+"""Marks of sections from a file: JSON or a table."""
+
+import json
+from pathlib import Path
+from typing import Any, cast
+
+from inercal.errors import InputError
+from inercal.io.read import read_table
+from inercal.recording import Mark
+
+
+def marks_from_file(path: Path) -> tuple[Mark, ...]:
+    """Read marks from JSON, {"x_p": {"start": 540, "end": 1271}, …}, or a table label, start, end.
+
+    Raises
+    ------
+    InputError
+        The file is neither, or an entry is not a pair of sample numbers.
+    """
+    if path.suffix.lower() == ".json":
+        entries: Any
+        try:
+            entries = json.loads(path.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            raise InputError(f"{path}: no such file of marks") from None
+        except (OSError, ValueError) as error:
+            raise InputError(f"{path}: not a JSON file of marks: {error}") from None
+        if not isinstance(entries, dict):
+            raise InputError(f'{path}: expected an object {{"label": {{"start": …, "end": …}}}}')
+        labelled = cast(dict[str, object], entries)
+        return tuple(_mark(path, label, entry) for label, entry in labelled.items())
+    table = read_table(path)
+    missing = [name for name in ("label", "start", "end") if name not in table.columns]
+    if missing:
+        raise InputError(
+            f"{path}: no column {missing[0]!r}; a table of marks has label, start, end "
+            "(sample numbers, the end not included)"
+        )
+    rows = zip(*(table.columns[name] for name in ("label", "start", "end")), strict=True)
+    return tuple(_mark(path, str(a), {"start": b, "end": c}) for a, b, c in rows)
+
+
+def _mark(path: Path, label: str, entry: object) -> Mark:
+    try:
+        start, end = (float(entry[key]) for key in ("start", "end"))  # type: ignore[index]
+    except (TypeError, KeyError, ValueError):
+        raise InputError(f"{path}: mark {label!r} needs numbers 'start' and 'end'") from None
+    if not (start == int(start) and end == int(end)):
+        raise InputError(f"{path}: mark {label!r}: start and end are sample numbers, not {entry}")
+    return Mark(label, int(start), int(end))

@@ -1,0 +1,66 @@
+"""Whether a recording at rest reads gravity: the units of its columns, judged from the data."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from inercal.errors import InputError
+from inercal.recording import Array, Finding, Recording
+
+_G0 = 9.80665  # m/s², exact (CGPM 1901)
+_WINDOW_S = 0.5
+_QUIETEST = 0.1  # of all windows
+_POSSIBLE = (0.5, 2.0)  # of gravity; beyond it, no sensor's error but a unit
+_USUAL = (0.9, 1.1)
+
+# Norm at rest over gravity, and the confusion that gives it.
+_CONFUSIONS = {
+    1 / _G0: "the columns look like g declared as m/s²",
+    _G0: "the columns look like m/s² declared as g",
+    1000.0: "the columns look like mg declared as g",
+    1 / 1000: "the columns look like g declared as mg",
+    1000 / _G0: "the columns look like mg declared as m/s²",
+    _G0 / 1000: "the columns look like m/s² declared as mg",
+}
+_NEAR = 1.25  # ratio within which a confusion is recognised; far less than they are apart
+
+
+def audit_rest_norm(recording: Recording, si_norm: Array, gravity: float) -> Recording:
+    """Return the recording with a finding where it does not read gravity at rest.
+
+    Parameters
+    ----------
+    recording : Recording
+        A recording that rests somewhere, in any attitude.
+    si_norm : (n,) array
+        Norm of specific force after the nominal readout, m/s².
+    gravity : float
+        Local gravity, m/s².
+
+    Raises
+    ------
+    InputError
+        `si_norm` is not (n,).
+    """
+    if si_norm.shape != recording.time.shape:
+        raise InputError(f"norm {si_norm.shape} for {recording.time.size} samples")
+    at_rest = _norm_at_rest(si_norm, round(_WINDOW_S * recording.rate_hz))
+    ratio = at_rest / gravity
+    if _USUAL[0] <= ratio <= _USUAL[1]:
+        return recording
+    text = f"specific force at rest is {at_rest:.4g} m/s² where gravity is {gravity:.5g} m/s²"
+    if _POSSIBLE[0] <= ratio <= _POSSIBLE[1]:
+        finding = Finding("warning", "units", f"{text}: is the nominal scale right?")
+    else:
+        near = (words for r, words in _CONFUSIONS.items() if 1 / _NEAR < ratio / r < _NEAR)
+        words = next(near, "check the units and the nominal scale of the columns")
+        finding = Finding("refused", "units", f"{text}: {words}")
+    return replace(recording, findings=(*recording.findings, finding))
+
+
+def _norm_at_rest(si_norm: Array, window: int) -> float:
+    """Return the median of the means of the windows that vary least."""
+    window = max(2, min(window, si_norm.size))
+    windows = si_norm[: si_norm.size // window * window].reshape(-1, window)
+    quiet = np.argsort(windows.std(axis=1))[: max(1, round(_QUIETEST * len(windows)))]
+    return float(np.median(windows[quiet].mean(axis=1)))

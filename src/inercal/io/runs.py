@@ -1,0 +1,92 @@
+"""Runs of one exact value in a channel: readings at the end of their range, and readings stuck.
+
+No amplitude is assumed. Quantised noise repeats values in runs whose lengths fall off smoothly; a
+reading at its rail or stuck stands far above the longest of them. A coarsely quantised sensor at
+rest repeats values everywhere, so none of its runs stands out.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.recording import Array, Indices
+
+_STANDS_OUT = 5  # times the longest of the ordinary runs
+_RAIL = 5  # samples; fewer at an extreme are a peak
+_STUCK = 50  # samples; fewer are an ordinary repetition
+_LEVELS = 10  # values; a resting sensor's noise may span fewer, and then its top one repeats
+
+
+class _Runs(NamedTuple):
+    start: Indices
+    length: Indices
+    value: Array
+
+
+def _runs(x: Array) -> _Runs:
+    start = np.flatnonzero(np.concatenate([[True], x[1:] != x[:-1]]))
+    return _Runs(start, np.diff(start, append=x.size), x[start])
+
+
+def beyond(x: Array, lowest: float, highest: float) -> Indices:
+    """Return half-open ranges, (k, 2), of samples at or beyond the ends of the range."""
+    return _ranges((x <= lowest) | (x >= highest))
+
+
+def at_rails(x: Array) -> Indices:
+    """Return half-open ranges, (k, 2), where a channel (n,) sits at its extreme reading.
+
+    An extreme is a rail when its longest run has at least 5 samples and 5 times as many as the
+    longest run at any value between the two extremes.
+    """
+    runs = _runs(x)
+    lowest, highest = x.min(), x.max()
+    between = (runs.value != lowest) & (runs.value != highest)
+    if not between.any():
+        return _ranges(np.zeros(x.size, np.bool_))
+    needed = max(_RAIL, _STANDS_OUT * int(runs.length[between].max()))
+    rails = [v for v in (lowest, highest) if runs.length[runs.value == v].max() >= needed]
+    if not rails or np.unique(runs.value).size < _LEVELS:
+        return _ranges(np.zeros(x.size, np.bool_))
+    return _ranges(np.isin(x, rails))
+
+
+def stuck(x: Array, known: Indices) -> Indices:
+    """Return half-open ranges, (k, 2), where a channel (n,) holds one value for far too long.
+
+    Lengths of runs, sorted, are taken apart at the first fivefold jump to 50 samples or more.
+    Runs above the jump that hold most of the samples are how this channel reads, and are let pass.
+
+    Parameters
+    ----------
+    x : (n,) array
+        Readings.
+    known : (k, 2) array
+        Ranges to leave out: those at the rails.
+    """
+    runs = _runs(x)
+    railed = np.isin(runs.start, known[:, 0]) if known.size else np.zeros(runs.start.size, np.bool_)
+    lengths = np.sort(runs.length[~railed])
+    jump = np.flatnonzero((lengths[1:] >= _STANDS_OUT * lengths[:-1]) & (lengths[1:] >= _STUCK))
+    if not jump.size:
+        return _ranges(np.zeros(x.size, np.bool_))
+    held = (runs.length >= lengths[jump[0] + 1]) & ~railed
+    if 2 * runs.length[held].sum() >= x.size:
+        return _ranges(np.zeros(x.size, np.bool_))
+    return np.stack([runs.start[held], runs.start[held] + runs.length[held]], axis=-1)
+
+
+def joined(ranges: Indices, apart: float) -> list[tuple[int, int]]:
+    """Return ranges with those less than `apart` samples from each other made one."""
+    if not ranges.size:
+        return []
+    new = np.concatenate([[True], ranges[1:, 0] - ranges[:-1, 1] >= apart])
+    last = np.concatenate([new[1:], [True]])
+    return list(zip(ranges[new, 0].tolist(), ranges[last, 1].tolist(), strict=True))
+
+
+def _ranges(mask: NDArray[np.bool_]) -> Indices:
+    """Return half-open ranges of True, (k, 2)."""
+    edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
+    return edges.reshape(-1, 2)

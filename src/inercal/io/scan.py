@@ -1,0 +1,86 @@
+"""A first pass over the raw bytes of a text file: its hash, its lines, and what is no text at all.
+
+It reads in blocks, so a file that cannot be used costs little time and memory however large.
+"""
+
+import codecs
+import hashlib
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from inercal.errors import InputError
+
+BLOCK = 1 << 24  # bytes
+LONGEST_LINE = 1_000_000  # bytes
+_UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+
+
+class Scan(NamedTuple):
+    """SHA-256 in hexadecimal, and the number of the last line that is not blank (1-based)."""
+
+    sha256: str
+    lines: int
+
+
+def scan(path: Path) -> Scan:
+    """Read a text file once.
+
+    Raises
+    ------
+    InputError
+        An empty file, binary data, text that is not UTF-8, or a line above a million bytes.
+    OSError
+        The file cannot be read.
+    """
+    digest = hashlib.sha256()
+    decoder = codecs.getincrementaldecoder("utf-8")()
+    complete = 0  # lines ended in the blocks before
+    last = 0  # last line that is not blank
+    unfinished = 0  # bytes of the line that the block before left open
+    newline = b""
+    with path.open("rb") as file:
+        while block := file.read(BLOCK):
+            digest.update(block)
+            if not newline:
+                _refuse_utf16(block, path.name)
+                newline = b"\n" if b"\n" in block else b"\r"
+            if (at := block.find(b"\0")) >= 0:
+                line = complete + block.count(newline, 0, at) + 1
+                raise InputError(f"{path.name} line {line}: binary data where text is expected")
+            _refuse_other_encodings(decoder, block, complete, newline, path.name)
+            ends = np.flatnonzero(np.frombuffer(block, np.uint8) == newline[0])
+            lengths = np.diff(ends, prepend=-1 - unfinished, append=len(block))
+            if (lengths > LONGEST_LINE).any():
+                line = complete + int(np.argmax(lengths > LONGEST_LINE)) + 1
+                raise InputError(
+                    f"{path.name} line {line}: more than {LONGEST_LINE} bytes without a line end; "
+                    "is it text with one sample a line?"
+                )
+            unfinished = int(lengths[-1]) - 1
+            if text := block.rstrip():
+                last = complete + block.count(newline, 0, len(text)) + 1
+            complete += ends.size
+    _refuse_other_encodings(decoder, None, complete, newline, path.name)
+    if last == 0:
+        raise InputError(f"{path.name} is empty: record or export it again")
+    return Scan(digest.hexdigest(), last)
+
+
+def _refuse_utf16(block: bytes, name: str) -> None:
+    if block.startswith(_UTF16):
+        raise InputError(f"{name} is UTF-16 text; save it as UTF-8")
+
+
+def _refuse_other_encodings(
+    decoder: codecs.IncrementalDecoder, block: bytes | None, lines: int, newline: bytes, name: str
+) -> None:
+    try:
+        decoder.decode(block or b"", final=block is None)
+    except UnicodeDecodeError as error:
+        line = lines + error.object.count(newline, 0, error.start) + 1
+        raise InputError(
+            f"{name} line {line}: byte {error.object[error.start]:#04x} is not UTF-8 text; "
+            "save the file as UTF-8"
+        ) from error

@@ -1,0 +1,136 @@
+"""A table as it stands in a file: named columns, before anything is known of a sensor."""
+
+import hashlib
+import os
+from collections import Counter
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.errors import InputError
+
+Column = NDArray[np.float64] | NDArray[np.str_]
+_LISTED = 12  # names in a message before it ends in "…"
+MOST_COLUMNS = 1000  # more is a table on its side, or junk that happens to parse
+LONGEST_LABEL = 200  # characters; a text column holds one word per sample, not prose
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Columns of one file.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Every column of the file; "1", "2", ... where it has no header.
+    columns : dict of str to (n,) array
+        Those that were asked for; float64 or str.
+    source, sha256 : str
+        The file and the hash of its bytes.
+    first_line : int
+        Line of row 0; 0 where rows and lines do not run in step.
+    header : bool
+        Whether the file names its columns.
+    """
+
+    names: tuple[str, ...]
+    columns: dict[str, Column]
+    source: str
+    sha256: str
+    first_line: int
+    header: bool
+
+    def numbers(self, name: str) -> NDArray[np.float64]:
+        """Return a column of numbers, (n,).
+
+        Raises
+        ------
+        InputError
+            The column holds text.
+        """
+        column = self.columns[name]
+        if column.dtype.kind == "U":
+            raise InputError(
+                f"{self.source}: column {name!r} holds text ({shortened(str(column[0]))}) "
+                "where numbers are needed"
+            )
+        return column.astype(np.float64, copy=False)
+
+
+def wanted_columns(names: Sequence[str], wanted: Collection[str] | None, source: str) -> list[str]:
+    """Return the wanted columns, all of them for None.
+
+    Raises
+    ------
+    InputError
+        Two columns of one name, or a wanted column that the file lacks.
+    """
+    if len(names) > MOST_COLUMNS:
+        raise InputError(
+            f"{source} has {len(names)} columns; at most {MOST_COLUMNS} are read: one sample a row"
+        )
+    for name, count in Counter(names).items():
+        if count > 1:
+            raise InputError(
+                f"{source} has {count} columns {shortened(name)!r}: rename all but one"
+            )
+    if wanted is None:
+        return list(names)
+    for name in wanted:
+        if name not in names:
+            raise InputError(f"{source} has no column {name!r}; {_suggest(name, names)}")
+    return list(dict.fromkeys(wanted))
+
+
+def _suggest(name: str, names: Sequence[str]) -> str:
+    """Say which columns there are, and which of them may be meant."""
+    by_lower = {known.lower(): known for known in names}
+    near = [by_lower[k] for k in get_close_matches(name.lower(), list(by_lower), n=3)]
+    hint = f"did you mean {' or '.join(repr(k) for k in near)}? " if near else ""
+    listed = ", ".join(shortened(known) for known in names[:_LISTED])
+    return f"{hint}It has {listed}" + (f", … ({len(names)} in all)" if names[_LISTED:] else "")
+
+
+def shortened(text: str, length: int = 40) -> str:
+    """Return text fit for one line of a message."""
+    text = " ".join("".join(c if c.isprintable() else " " for c in text[: length + 1]).split())
+    return text if len(text) <= length else text[: length - 1] + "…"
+
+
+def as_labels(values: Sequence[str], column: str, source: str) -> NDArray[np.str_]:
+    """Return a text column, (n,) of str.
+
+    Raises
+    ------
+    InputError
+        An entry too long for a label (NumPy gives every row the width of the longest), or one
+        that runs over a line's end.
+    """
+    longest = max(values, key=len, default="")
+    if len(longest) > LONGEST_LABEL:
+        raise InputError(
+            f"{source}: column {column!r} has a text of {len(longest)} characters "
+            f"({shortened(longest)}); labels have at most {LONGEST_LABEL}"
+        )
+    broken = next((value for value in values if "\n" in value), None)
+    if broken is not None:
+        raise InputError(
+            f"{source}: column {column!r} has a text over several lines ({shortened(broken)}); "
+            "is a quotation mark left open?"
+        )
+    return np.array(values, dtype=np.str_)
+
+
+def sha256_of(path: Path) -> str:
+    """Return the SHA-256 of a file's bytes, in hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def open_error(path: str | os.PathLike[str], error: OSError) -> InputError:
+    """Return the one line for a file that cannot be opened or read."""
+    return InputError(f"{path} cannot be read: {error.strerror or error}")

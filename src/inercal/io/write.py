@@ -1,0 +1,94 @@
+"""A recording into a file that `inercal.io.read` reads back bit for bit."""
+
+import csv
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from inercal.errors import InputError
+from inercal.io.atomic import atomic_write
+from inercal.io.parquet import write_parquet
+from inercal.io.read import Columns
+from inercal.io.table import Column
+from inercal.recording import Recording
+
+_CHUNK = 10_000  # rows of CSV made at a time
+
+
+def write_recording(recording: Recording, path: str | os.PathLike[str]) -> Columns:
+    """Write a recording to .csv, .npz or .parquet, whole or not at all.
+
+    Times are in s, readings in output units, temperature in K, readback in SI; a CSV file writes
+    each number with the fewest digits that give it back exactly.
+
+    Returns
+    -------
+    Columns
+        What `read_recording` needs to read the file back; readback is named in unit "1", as it
+        is in SI already.
+
+    Raises
+    ------
+    InputError
+        Another suffix, an axis of trials, two columns of one name, or a path that cannot be
+        written.
+    """
+    target = Path(path)
+    write = _WRITERS.get(target.suffix.lower())
+    if write is None:
+        raise InputError(f"{target} cannot be written; the suffix is one of {', '.join(_WRITERS)}")
+    columns = Columns(
+        channels=tuple((c, c, u) for c, u in zip(recording.channels, recording.units, strict=True)),
+        time="time",
+        label=None if recording.labels is None else "label",
+        temperature=None if recording.temperature is None else "temperature",
+        temperature_unit="K",
+        readback=tuple((name, name, "1") for name in recording.readback),
+    )
+    arrays = _arrays(recording)
+    with atomic_write(target) as temporary:
+        write(temporary, arrays)
+    return columns
+
+
+def _arrays(recording: Recording) -> dict[str, Column]:
+    """Return the columns to write, in order, by name."""
+    if recording.data.ndim != 2:
+        raise InputError("a file takes one run, data (n, m), without an axis of trials")
+    pairs: list[tuple[str, Column]] = [("time", recording.time)]
+    pairs += [(name, recording.data[:, k]) for k, name in enumerate(recording.channels)]
+    if recording.labels is not None:
+        pairs.append(("label", recording.labels))
+    if recording.temperature is not None:
+        pairs.append(("temperature", recording.temperature))
+    pairs += recording.readback.items()
+    names = [name for name, _ in pairs]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"two columns would be named {name!r}; rename the channel or readback")
+    return dict(pairs)
+
+
+def _write_csv(path: Path, columns: dict[str, Column]) -> None:
+    with path.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerow(columns)
+        # Labels are quoted so that a comma or # in one stays in it.
+        rows = csv.writer(file, lineterminator="\n", quoting=csv.QUOTE_NONNUMERIC)
+        n = next(iter(columns.values())).size
+        for k in range(0, n, _CHUNK):
+            chunk = [column[k : k + _CHUNK].tolist() for column in columns.values()]
+            rows.writerows(zip(*chunk, strict=True))
+
+
+def _write_npz(path: Path, columns: dict[str, Column]) -> None:
+    with path.open("wb") as file:  # given a path, NumPy adds a suffix of its own
+        np.savez(file, allow_pickle=False, **columns)
+
+
+_WRITERS: dict[str, Callable[[Path, dict[str, Column]], None]] = {
+    ".csv": _write_csv,
+    ".npz": _write_npz,
+    ".parquet": write_parquet,
+}

@@ -1,0 +1,18 @@
+"""Six positions and three turns: accelerometers, gyros and the gyros' sensitivity to gravity.
+
+Source: F. Ferraris, U. Grimaldi, M. Parvis, Sensors and Materials 7(5), 1995, 311–330.
+"""
+
+from inercal.methods._base import Method
+from inercal.methods.classical import classical
+from inercal.methods.means import ml
+from inercal.plan import ferraris
+
+METHOD = Method(
+    name="ferraris",
+    sees=("bias", "scale", "misalignment", "g"),
+    rates=True,
+    plan=ferraris,
+    estimators={"ml": ml, "classical": classical},
+    source="Ferraris, Grimaldi, Parvis, Sensors and Materials 7(5), 1995",
+)

@@ -1,0 +1,139 @@
+"""Maximum likelihood from the mean readings of holds and turns.
+
+Each row's mean reading is compared with the model's reading of the mean motion (exact for models
+affine in f and ω). The bench's imperfections ride along as nuisances with their standard
+deviations as priors, the mean specific force during each turn as a free one, so that the stated
+uncertainty holds fixture and turn-angle errors, local gravity and the clock.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches import Hand
+from inercal.benches.hand import felt
+from inercal.errors import NotObserved
+from inercal.estimate import Estimate, Gaussian, Problem, least_squares
+from inercal.methods.observed import require_observed, require_separated
+from inercal.motion import Motion
+from inercal.observe import vector
+from inercal.plan import Step, Turn
+from inercal.recording import Observations
+from inercal.sensors import G0, Sensor, inverse
+
+Array = NDArray[np.float64]
+_NATURAL = {"m/s²": G0, "rad": 1.0, "rad/s": 1.0, "1": 1.0}  # sizes that make columns comparable
+
+
+def ml(
+    observations: Observations,
+    sensor: Sensor,
+    bench: Hand,
+    steps: Sequence[Step],
+    priors: Sequence[Gaussian] = (),
+) -> Estimate:
+    """Return the estimate of the sensor's coefficients and the bench's nuisances.
+
+    Parameters
+    ----------
+    observations : Observations
+        Rows in SI; labels name steps, channels are the sensor's axes.
+    sensor : Sensor
+        With the coefficients that are wanted.
+    bench : Hand
+    steps : sequence of Step
+        The nominal plan; steps without a row were not carried out.
+    priors : sequence of Gaussian
+        On coefficients, from elsewhere.
+
+    Raises
+    ------
+    NotObserved
+        Coefficients that these steps leave open, by name, and the steps that are missing.
+    """
+    by_label = {step.label: step for step in steps}
+    done = [by_label[label] for label in observations.labels]
+    missing = [step for step in steps if step.label not in observations.labels]
+    require_separated(sensor, done, missing, priors)
+    try:
+        estimate = least_squares(problem(observations, sensor, bench, done, priors))
+    except NotObserved as error:
+        raise NotObserved(f"{error}{in_words(missing)}", error.directions) from None
+    require_observed(estimate, sensor, in_words(missing))
+    return estimate
+
+
+def in_words(missing: Sequence[Step]) -> str:
+    """Return what would help, as the end of a sentence; empty when every step was carried out."""
+    if not missing:
+        return ""
+    return "; missing from the recording: " + ", ".join(step.label for step in missing)
+
+
+def problem(
+    observations: Observations,
+    sensor: Sensor,
+    bench: Hand,
+    done: Sequence[Step],
+    priors: Sequence[Gaussian] = (),
+) -> Problem:
+    """Return the estimation problem; `done` are the steps of the rows, in their order."""
+    rates = any(axis.measures == "w" for axis in sensor.axes)
+    declared = bench.nuisances(done, rates=rates)
+    known = {name: np.array(p.value) for name, p in declared.items() if p.sd == 0}
+    loose = {name: p for name, p in declared.items() if p.sd > 0}
+    forces = [f"force_{a}[{step.label}]" for step in done if isinstance(step, Turn) for a in "xyz"]
+    names = (*sensor.coefficients, *loose, *forces)
+    p = len(sensor.coefficients)
+    trials = observations.mean.shape[:-2]
+    start = np.zeros((*trials, len(names)))
+    start[..., p : p + len(loose)] = [parameter.value for parameter in loose.values()]
+    turns = [k for k, step in enumerate(done) if isinstance(step, Turn)]
+    if turns:
+        bare = Sensor(sensor.name, sensor.axes)
+        start_force = inverse(bare, observations.mean[..., turns, :], np.zeros(0)).f
+        start[..., p + len(loose) :] = start_force.reshape(*trials, -1)
+
+    def linearise(x: Array) -> tuple[Array, Array]:
+        q = known | {name: x[..., p + k] for k, name in enumerate(names[p:])}
+        rows = [
+            felt(step, float(t), q) for step, t in zip(done, observations.duration, strict=True)
+        ]
+        shape = (*x.shape[:-1], len(rows), 3)
+        f, w = np.empty(shape), np.empty(shape)
+        df, dw = (np.zeros((*shape, len(names) - p)) for _ in range(2))
+        for k, row in enumerate(rows):
+            f[..., k, :], w[..., k, :] = row.f, row.w
+            for target, derivatives in ((df, row.df), (dw, row.dw)):
+                for name, value in derivatives.items():
+                    if name in position:
+                        target[..., k, :, position[name]] = value
+        return vector(sensor, observations.mean, x[..., :p], Motion(f, w), df, dw)
+
+    position = {name: k for k, name in enumerate(names[p:])}
+    sizes = [_NATURAL[parameter.unit] for parameter in loose.values()]
+    bench_prior = Gaussian.independent(
+        tuple(loose),
+        [parameter.value for parameter in loose.values()],
+        [parameter.sd for parameter in loose.values()],
+    )
+    return Problem(
+        names=names,
+        start=start,
+        linearise=linearise,
+        noise=_block_diagonal(observations.covariance),
+        scale=np.concatenate([sensor.natural, sizes, np.full(len(forces), G0)]),
+        priors=(bench_prior, *priors) if loose else tuple(priors),
+        wanted=sensor.coefficients,
+        observations=tuple(f"{a}[{row}]" for row in observations.labels for a in sensor.channels),
+    )
+
+
+def _block_diagonal(blocks: Array) -> Array:
+    """Return (..., r·m, r·m) with the (..., r, m, m) blocks on its diagonal."""
+    r, m = blocks.shape[-3:-1]
+    full = np.zeros((*blocks.shape[:-3], r, m, r, m))
+    rows = np.arange(r)
+    full[..., rows, :, rows, :] = np.moveaxis(blocks, -3, 0)
+    return full.reshape(*blocks.shape[:-3], r * m, r * m)

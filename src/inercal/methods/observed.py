@@ -1,0 +1,91 @@
+"""Whether the steps that were carried out determine the coefficients, and which are missing.
+
+Two rules beyond the algebraic rank of the problem:
+
+* Bias and scale of an accelerometer must be separated by positions, not by the assumed levelness
+  of faces: with every tilt unknown, a reading counts only along the nominal up. Without −z, say,
+  K₀ and K₁ of z would rest on g·sin(tilt) of the other faces alone.
+* A direction known no better than a tenth of its natural size (10 % of scale, 0.1 g of bias,
+  0.1 rad of misalignment) is not observed, whatever residual excitation (the earth's rate, an
+  accidental tilt) makes the algebra say.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from inercal.errors import NotObserved
+from inercal.estimate import Estimate, Gaussian
+from inercal.plan import Hold, Step
+from inercal.sensors import Sensor
+
+OBSERVED = 0.1  # of the natural size
+_PARALLEL = 0.9  # cosine; a face is meant to lie within 25° of an input axis
+
+
+def require_separated(
+    sensor: Sensor, done: Sequence[Step], missing: Sequence[Step], priors: Sequence[Gaussian]
+) -> None:
+    """Refuse accelerometer axes whose bias and scale no pair of positions separates.
+
+    Raises
+    ------
+    NotObserved
+        Naming the coefficients, the direction and the position that is missing.
+    """
+    known = {name for prior in priors for name in prior.names}
+    ups = np.array([step.up for step in done if isinstance(step, Hold)]).reshape(-1, 3)
+    problems: list[str] = []
+    for axis in sensor.axes:
+        pair = (f"{axis.name}.k0", f"{axis.name}.k1")
+        if axis.measures != "f" or not set(pair) <= set(sensor.coefficients) or known & set(pair):
+            continue
+        along = ups @ np.array(axis.i)
+        lacking = [
+            s
+            for s, there in (("+", along > _PARALLEL), ("−", along < -_PARALLEL))
+            if not there.any()
+        ]
+        if lacking:
+            sides = " and ".join(f"{sign}{axis.name}" for sign in lacking)
+            problems.append(
+                f"{pair[0]} and {pair[1]} are not separated: no position with {sides} up"
+            )
+    if problems:
+        labels = ", ".join(step.label for step in missing)
+        raise NotObserved(
+            "; ".join(problems)
+            + (f"; missing from the recording: {labels}" if labels else "")
+            + "; record them, or give a prior on one of the two",
+            tuple(problems),
+        )
+
+
+def require_observed(estimate: Estimate, sensor: Sensor, hint: str) -> None:
+    """Refuse an estimate with a direction known no better than a tenth of its natural size.
+
+    Raises
+    ------
+    NotObserved
+        Naming the coefficients and the directions.
+    """
+    p = len(sensor.coefficients)
+    covariance = estimate.covariance[..., :p, :p].reshape(-1, p, p)[0]
+    variance, directions = np.linalg.eigh(covariance / np.outer(sensor.natural, sensor.natural))
+    weak = directions[:, variance > OBSERVED**2].T
+    if not len(weak):
+        return
+    words = tuple(_words(row, sensor.coefficients) for row in weak)
+    named = [
+        name
+        for name, share in zip(sensor.coefficients, (weak**2).sum(axis=0), strict=True)
+        if share > 0.1
+    ]
+    raise NotObserved(
+        f"not observed: {', '.join(named)} (directions: {'; '.join(words)}){hint}", words
+    )
+
+
+def _words(direction: np.ndarray, names: Sequence[str]) -> str:
+    large = np.flatnonzero(np.abs(direction) > 0.3 * np.abs(direction).max()).tolist()
+    return " ".join(f"{direction[k]:+.2g} {names[k]}" for k in large)

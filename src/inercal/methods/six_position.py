@@ -1,0 +1,19 @@
+"""Six-position test of accelerometers: each input axis up, then down, in local gravity.
+
+Source: IEEE Std 1293, static multipoint test reduced to six points; closed formulas of Ferraris
+et al. 1995.
+"""
+
+from inercal.methods._base import Method
+from inercal.methods.classical import classical
+from inercal.methods.means import ml
+from inercal.plan import six_positions
+
+METHOD = Method(
+    name="six_position",
+    sees=("bias", "scale", "misalignment"),
+    rates=False,
+    plan=six_positions,
+    estimators={"ml": ml, "classical": classical},
+    source="IEEE Std 1293, static multipoint test; Ferraris et al. 1995",
+)

@@ -1,0 +1,38 @@
+"""What a sensor truly feels.
+
+All vectors are in the sensor's frame. `f` is specific force: an accelerometer at rest reads +g
+along the upward vertical. Arrays may carry leading axes of trials: `(..., n, 3)`.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def _still() -> Array:
+    return np.zeros((1, 3))
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Specific force, angular rate, its derivative and temperature, sample by sample.
+
+    Parameters
+    ----------
+    f : (..., n, 3) array
+        Specific force at the sensor's origin, m/s².
+    w : (..., n, 3) array
+        Angular rate against inertial space, rad/s.
+    dw : (..., n, 3) array
+        Time derivative of `w`, rad/s².
+    dT : (..., n) array or float
+        Temperature minus the sensor's reference temperature, K.
+    """
+
+    f: Array
+    w: Array = field(default_factory=_still)
+    dw: Array = field(default_factory=_still)
+    dT: Array | float = 0.0

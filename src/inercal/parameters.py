@@ -1,0 +1,37 @@
+"""Imperfections of a bench, declared as data.
+
+One declaration serves three uses: a simulation draws from it, an estimation carries it as a
+nuisance with its standard deviation as the prior, and the Type B budget lists it.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+Scope = Literal["run", "position", "turn"]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One imperfection.
+
+    Parameters
+    ----------
+    name : str
+    unit : str
+        Unit of `value` and `sd`, in SI.
+    sd : float
+        Standard deviation; 0 is exactly known.
+    scope : "run", "position" or "turn"
+        What shares one value; another position (turn) draws another, independent one.
+    value : float
+        Expected value.
+    meaning : str
+        One line for a report.
+    """
+
+    name: str
+    unit: str
+    sd: float
+    scope: Scope
+    value: float = 0.0
+    meaning: str = ""

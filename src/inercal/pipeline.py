@@ -1,0 +1,289 @@
+"""The main path: from a run file to a calibration, and the same plan in simulation.
+
+run file ─> recording ─> audit ─> marks ─> observations ─> method's estimator ─> calibration
+"""
+
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+
+from inercal.benches import Hand
+from inercal.benches.simulate import perform
+from inercal.calibration import Calibration
+from inercal.calibration.verdict import verdict
+from inercal.errors import InputError
+from inercal.estimate import Estimate
+from inercal.io.audit import accept
+from inercal.io.marks import marks_from_file
+from inercal.io.means import read_means
+from inercal.io.read import Columns, read_recording
+from inercal.io.rest import audit_rest_norm
+from inercal.motion import Motion
+from inercal.plan import Step
+from inercal.recording import Finding, Mark, Observations, Recording
+from inercal.runfile import Run, read
+from inercal.segments import check_against_plan, check_marks, find_marks, marks_from_labels, observe
+from inercal.sensors import Sensor
+from inercal.units import parse, readable
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """Everything a calibration run found, for reports and for looking into.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    estimate : Estimate
+        With the bench's nuisances and the residuals.
+    observations : Observations
+    steps : tuple of Step
+        Of each observation.
+    bench : Hand
+    recording : Recording or None
+        None when means were read straight in.
+    marks : tuple of Mark
+    findings : tuple of Finding
+        The audit's, and what the checks against the plan noticed.
+    verdict : tuple of str
+        In plain words; the first line is the summary.
+    """
+
+    calibration: Calibration
+    estimate: Estimate
+    observations: Observations
+    steps: tuple[Step, ...]
+    bench: Hand
+    recording: Recording | None
+    marks: tuple[Mark, ...]
+    findings: tuple[Finding, ...]
+    verdict: tuple[str, ...]
+
+
+def calibrate(run: Run | str | Path) -> Outcome:
+    """Calibrate from a run file. Writes nothing.
+
+    Raises
+    ------
+    InercalError
+        The run file, the recording or the marks cannot be used, or coefficients are not observed.
+    """
+    run = run if isinstance(run, Run) else read(run)
+    sensor = run.sensor
+    if run.data.kind == "means":
+        recording, marks, findings = None, (), ()
+        observations = read_means(
+            run.file(run.data.file), _columns(run), sensor, _stated_sd(run), _seconds(run)
+        )
+    else:
+        recording = load_recording(run)
+        marks = _marks(run, recording)
+        check_marks(marks, recording, [step.label for step in run.steps])
+        observations = observe(recording, sensor, marks, run.steps)
+        findings = recording.findings
+    by_label = {step.label: step for step in run.steps}
+    unknown = [label for label in observations.labels if label not in by_label]
+    if unknown:
+        raise InputError(
+            f"{run.data.file}: no step {unknown[0]!r} in the plan; it has {', '.join(by_label)}"
+        )
+    steps = tuple(by_label[label] for label in observations.labels)
+    findings += check_against_plan(observations, sensor, steps, run.bench.gravity.value)
+    estimate = run.method.estimator(run.estimator)(
+        observations, sensor, run.bench, run.steps, run.priors
+    )
+    if not np.all(estimate.converged):
+        raise InputError(f"{run.path}: the fit did not converge; look at the marks and the plan")
+    p = len(sensor.coefficients)
+    lines = verdict(estimate, sensor, findings, run.estimator)
+    calibration = Calibration(
+        sensor,
+        estimate.value[:p],
+        estimate.stated_covariance[:p, :p],
+        run.method.name,
+        run.estimator,
+        _conditions(run, recording),
+        _provenance(run, recording),
+        lines,
+    )
+    return Outcome(
+        calibration, estimate, observations, steps, run.bench, recording, marks, findings, lines
+    )
+
+
+def load_recording(run: Run) -> Recording:
+    """Read and audit the run's recording.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, or the audit refuses it.
+    """
+    recording = read_recording(run.file(run.data.file), _columns(run), _limits(run.sensor))
+    accelerometers = run.sensor.only("f")
+    columns = [recording.channels.index(name) for name in accelerometers.channels]
+    felt = accelerometers.to_si(recording.data[..., columns])
+    norm = np.linalg.norm(felt, axis=-1)
+    return accept(audit_rest_norm(recording, norm, run.bench.gravity.value))
+
+
+def _limits(sensor: Sensor) -> dict[str, tuple[float, float]]:
+    """Return the ends of each axis's range in output units, where its full scale is stated."""
+    limits: dict[str, tuple[float, float]] = {}
+    for axis in sensor.axes:
+        if (reach := axis.readout.full_scale) is not None:
+            limits[axis.name] = (axis.readout.offset - reach, axis.readout.offset + reach)
+    return limits
+
+
+def simulate(run: Run | str | Path, seed: int = 0, trials: int | None = None) -> Recording:
+    """Carry the run's plan out on its simulated bench with the sensor's truth and noise.
+
+    Parameters
+    ----------
+    run : Run or path
+        [sensor.truth] gives the coefficients, others are zero; [data] rate the sampling rate.
+    seed : int
+    trials : int, optional
+        Independent repetitions on a leading axis; None is one recording without that axis.
+
+    Raises
+    ------
+    InputError
+        No sampling rate, or a truth that names no coefficient.
+    """
+    run = run if isinstance(run, Run) else read(run)
+    if run.rate_hz is None:
+        raise InputError(f"{run.path}: [data] rate is missing; a simulation needs it")
+    rng = np.random.default_rng(seed)
+    done = perform(run.bench, run.steps, run.rate_hz, rng, trials or 1)
+    sensor = replace(run.sensor, coefficients=()).with_coefficients(*run.truth) if run.truth else (
+        replace(run.sensor, coefficients=())
+    )  # fmt: skip
+    c = np.array([run.truth[name] for name in sensor.coefficients])
+    data = read_out(sensor, done.motion, c, run.rate_hz, rng)
+    return Recording(
+        time=done.time,
+        data=data if trials else data[0],
+        channels=sensor.channels,
+        units=tuple(axis.readout.unit for axis in sensor.axes),
+        labels=done.labels,
+        source=f"simulation of {run.path.name}, seed {seed}",
+    )
+
+
+def named_as_in(run: Run, recording: Recording) -> Recording:
+    """Return the recording with the run file's column names, ready to be written as its data."""
+    columns = {axis: column for axis, column, _ in _columns(run).channels}
+    return replace(recording, channels=tuple(columns[name] for name in recording.channels))
+
+
+def apply(calibration: Calibration, run: Run | str | Path) -> Recording:
+    """Correct the recording that a run file names.
+
+    Returns
+    -------
+    Recording
+        Channels fx, fy, fz (m/s²) and wx, wy, wz (rad/s), whichever the sensor has.
+
+    Raises
+    ------
+    InercalError
+        The recording cannot be used, or does not fit the calibration.
+    """
+    run = run if isinstance(run, Run) else read(run)
+    recording = load_recording(run)
+    motion = calibration.correct(recording)
+    kinds = {axis.measures for axis in calibration.sensor.axes}
+    felt = [("f", "m/s²", motion.f), ("w", "rad/s", motion.w)]
+    present = [part for part in felt if part[0] in kinds]
+    return replace(
+        recording,
+        data=np.concatenate([values for _, _, values in present], axis=-1),
+        channels=tuple(kind + axis for kind, _, _ in present for axis in "xyz"),
+        units=tuple(unit for _, unit, _ in present for _ in "xyz"),
+    )
+
+
+def read_out(
+    sensor: Sensor, motion: Motion, c: np.ndarray, rate_hz: float, rng: np.random.Generator
+) -> np.ndarray:
+    """Return what the sensor puts out, (..., n, m) in output units: truth, noise, quantisation."""
+    reading = sensor.forward(motion, c)
+    for k, axis in enumerate(sensor.axes):
+        noisy = reading[..., k] + axis.noise.draw(rng, reading.shape[:-1], rate_hz)
+        reading[..., k] = axis.noise.quantise(noisy)
+    return sensor.to_output(reading)
+
+
+def _columns(run: Run) -> Columns:
+    data = run.data
+    names = {"f": data.accelerometer, "w": data.gyro}
+    channels: list[tuple[str, str, str]] = []
+    for kind, columns in names.items():
+        axes = [axis for axis in run.sensor.axes if axis.measures == kind]
+        channels += [
+            (axis.name, str(column), axis.readout.unit)
+            for axis, column in zip(axes, columns, strict=False)
+        ]
+    return Columns(
+        channels=tuple(channels),
+        time=None if data.time is None else str(data.time),
+        time_unit=data.time_unit,
+        # a stamped recording states its own rate; [data] rate then serves simulations alone
+        rate_hz=run.rate_hz if data.time is None or data.time_unit == "sample" else None,
+        label=None if data.label is None else str(data.label),
+        temperature=None if data.temperature is None else str(data.temperature),
+        temperature_unit=data.temperature_unit,
+        nonfinite=data.nonfinite,
+    )
+
+
+def _stated_sd(run: Run) -> dict[str, float]:
+    likes = {"accelerometer": ("f", "m/s²"), "gyro": ("w", "rad/s")}
+    found: dict[str, float] = {}
+    for name, text in run.data.sd.items():
+        measures, like = likes[name]
+        found[measures] = parse(text, like).value
+        if found[measures] <= 0:
+            raise InputError(f"{run.path}: [data.sd] {name}: {text!r} must be positive")
+    return found
+
+
+def _seconds(run: Run) -> str | None:
+    return None if run.data.seconds is None else str(run.data.seconds)
+
+
+def _marks(run: Run, recording: Recording) -> tuple[Mark, ...]:
+    if run.data.marks == "labels":
+        return marks_from_labels(recording)
+    if run.data.marks == "found":
+        return find_marks(recording, run.sensor, run.steps)
+    return marks_from_file(run.file(run.data.marks))
+
+
+def _conditions(run: Run, recording: Recording | None) -> dict[str, str]:
+    g = run.bench.gravity
+    conditions = {
+        "gravity": readable(g.value, g.sd, "m/s²"),
+        "tilt of faces (k = 1)": readable(run.bench.tilt, 0.0, "°"),
+        "angle of turns (k = 1)": readable(run.bench.turn_angle, 0.0, "°"),
+    }
+    if recording is not None and recording.temperature is not None:
+        t = recording.temperature
+        conditions["temperature"] = f"{t.mean() - 273.15:.2f} °C ({np.ptp(t):.2f} K range)"
+    return conditions
+
+
+def _provenance(run: Run, recording: Recording | None) -> dict[str, str]:
+    return {
+        "recording": run.data.file,
+        "recording sha256": "" if recording is None else recording.sha256,
+        "run file": run.path.name,
+        "run file sha256": run.sha256,
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "inercal": version("inercal"),
+    }

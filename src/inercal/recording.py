@@ -1,0 +1,247 @@
+"""What a bench run leaves behind: samples as they came, and the means made from them.
+
+A `Recording` keeps the sensor's output units; `Observations` are in SI. Both may carry leading
+axes of trials, `(..., n, m)`; trials share times and labels.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.errors import InputError
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Severity = Literal["note", "warning", "refused"]
+
+GAP = 1.5  # a step of time longer than this many median steps has lost samples
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing noticed in a recording.
+
+    Parameters
+    ----------
+    severity : "note", "warning" or "refused"
+        A refused recording is not used: `inercal.io.audit.accept` raises.
+    what : str
+        Short kind: "gap", "saturation", ...
+    message : str
+        One clear line.
+    channel : str or None
+        The channel concerned, or None for all.
+    start, stop : int or None
+        Half-open range of samples, or None for the whole recording.
+    """
+
+    severity: Severity
+    what: str
+    message: str
+    channel: str | None = None
+    start: int | None = None
+    stop: int | None = None
+
+
+@dataclass(frozen=True)
+class Mark:
+    """Samples `start` to `stop`, half open, belong to the step `label`."""
+
+    label: str
+    start: int
+    stop: int
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Samples of one run, with labels, bench readback and provenance.
+
+    Parameters
+    ----------
+    time : (n,) array
+        s, of each sample.
+    data : (..., n, m) array
+        Readings in output units, as they came.
+    channels, units : tuple of m str
+        Names of the sensor's axes, and the unit of each column.
+    labels : (n,) array of str or None
+        Name of the section that each sample belongs to.
+    temperature : (..., n) array or None
+        K.
+    readback : mapping of str to (..., n) array
+        What the bench said of itself, SI.
+    findings : tuple of Finding
+        What the audit noticed.
+    source, sha256 : str
+        The file and its hash; empty when there is none.
+    first_row : int
+        Line of sample 0 in the file; 0 where samples and lines do not run in step.
+
+    Raises
+    ------
+    InputError
+        No sample, two channels of one name, or arrays whose lengths disagree.
+    """
+
+    time: Array
+    data: Array
+    channels: tuple[str, ...]
+    units: tuple[str, ...]
+    labels: NDArray[np.str_] | None = None
+    temperature: Array | None = None
+    readback: Mapping[str, Array] = field(default_factory=dict[str, Array])
+    findings: tuple[Finding, ...] = ()
+    source: str = ""
+    sha256: str = ""
+    first_row: int = 0
+
+    def __post_init__(self) -> None:
+        n, m = self.time.size, len(self.channels)
+        where = f"{self.source}: " if self.source else ""
+        if self.time.ndim != 1 or n == 0:
+            raise InputError(f"{where}a recording needs at least one sample")
+        if len(set(self.channels)) != m or m == 0:
+            raise InputError(f"{where}channels {self.channels} are not distinct names")
+        if len(self.units) != m:
+            raise InputError(f"{where}{len(self.units)} units for {m} channels")
+        if self.data.shape[-2:] != (n, m):
+            raise InputError(f"{where}data {self.data.shape} is not (..., {n}, {m})")
+        if self.labels is not None and self.labels.shape != (n,):
+            raise InputError(f"{where}{self.labels.size} labels for {n} samples")
+        along = dict(self.readback)
+        if self.temperature is not None:
+            along["temperature"] = self.temperature
+        for name, values in along.items():
+            if values.shape[-1:] != (n,):
+                raise InputError(f"{where}{name} {values.shape} is not (..., {n})")
+
+    @property
+    def duration(self) -> float:
+        """Time of the last sample minus that of the first, s."""
+        return float(self.time[-1] - self.time[0])
+
+    @cached_property
+    def median_step(self) -> float:
+        """Median time between samples, s.
+
+        Raises
+        ------
+        InputError
+            A single sample, or a median step that is not positive.
+        """
+        step = float(np.median(np.diff(self.time))) if self.time.size > 1 else 0.0
+        if not step > 0:
+            raise InputError(f"{self.source or 'recording'}: time does not advance between samples")
+        return step
+
+    @property
+    def rate_hz(self) -> float:
+        """One over the median time between samples, Hz."""
+        return 1 / self.median_step
+
+    @cached_property
+    def gaps(self) -> Indices:
+        """Samples before and after each gap, (n_gaps, 2): steps above 1.5 median steps."""
+        before = np.flatnonzero(np.diff(self.time) > GAP * self.median_step)
+        return np.stack([before, before + 1], axis=-1)
+
+    def where(self, sample: int) -> str:
+        """Return the place of a sample in words: its line where that is known."""
+        return f"line {self.first_row + sample}" if self.first_row else f"sample {sample}"
+
+    def take(self, samples: "Indices | NDArray[np.bool_] | slice") -> "Recording":
+        """Return chosen samples; findings and lines, which count samples, are left out."""
+        changes: dict[str, Any] = {
+            "time": self.time[samples],
+            "data": self.data[..., samples, :],
+            "readback": {name: values[..., samples] for name, values in self.readback.items()},
+        }
+        if self.labels is not None:
+            changes["labels"] = self.labels[samples]
+        if self.temperature is not None:
+            changes["temperature"] = self.temperature[..., samples]
+        return replace(self, findings=(), first_row=0, **changes)
+
+    def slice(self, start: int, stop: int) -> "Recording":
+        """Return samples start to stop (half open), with the findings that concern them."""
+        start, stop, _ = slice(start, stop).indices(self.time.size)
+        findings = tuple(
+            f
+            if f.start is None or f.stop is None
+            else replace(f, start=max(f.start - start, 0), stop=min(f.stop, stop) - start)
+            for f in self.findings
+            if f.start is None or f.stop is None or (f.start < stop and f.stop > start)
+        )
+        first_row = self.first_row + start if self.first_row else 0
+        return replace(self.take(slice(start, stop)), findings=findings, first_row=first_row)
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """Means over sections of a recording: one row per hold or turn.
+
+    Parameters
+    ----------
+    labels : tuple of r str
+        Name of each row.
+    mean : (..., r, m) array
+        Mean reading in SI after the nominal readout.
+    covariance : (..., r, m, m) array
+        Covariance of each mean.
+    duration, time : (r,) array
+        s; length of the section and time of its middle.
+    samples : (r,) array of int
+        Number of samples behind each mean.
+    channels : tuple of m str
+        Names of the sensor's axes.
+    dof : float
+        Degrees of freedom behind the covariance; infinite when it was stated.
+
+    Raises
+    ------
+    InputError
+        Shapes that disagree, a mean or covariance that is not finite, a covariance that is not
+        symmetric or has a negative variance, or a section without samples.
+    """
+
+    labels: tuple[str, ...]
+    mean: Array
+    covariance: Array
+    duration: Array
+    samples: Indices
+    time: Array
+    channels: tuple[str, ...]
+    dof: float = np.inf
+
+    def __post_init__(self) -> None:
+        r, m = len(self.labels), len(self.channels)
+        shapes = {
+            "mean": (self.mean.shape[-2:], (r, m)),
+            "covariance": (self.covariance.shape[-3:], (r, m, m)),
+            "duration": (self.duration.shape, (r,)),
+            "samples": (self.samples.shape, (r,)),
+            "time": (self.time.shape, (r,)),
+        }
+        for name, (shape, expected) in shapes.items():
+            if shape != expected:
+                raise InputError(f"observations: {name} has shape {shape}, expected {expected}")
+        if not self.dof > 0:
+            raise InputError(f"observations: {self.dof} degrees of freedom")
+        self._refuse(~np.isfinite(self.mean).all(-1), "has a mean that is not finite")
+        self._refuse(~np.isfinite(self.covariance).all((-2, -1)), "has a covariance not finite")
+        variance = np.diagonal(self.covariance, axis1=-2, axis2=-1)
+        self._refuse((variance < 0).any(-1), "has a negative variance")
+        # Rounding in a product J C Jᵀ leaves a last-bit asymmetry: judged against the variances.
+        scale = np.sqrt(variance[..., :, None] * variance[..., None, :])
+        skew = np.abs(self.covariance - np.swapaxes(self.covariance, -1, -2))
+        self._refuse((skew > 1e-9 * scale).any((-2, -1)), "has a covariance that is not symmetric")
+        self._refuse(self.samples < 1, "has no samples")
+
+    def _refuse(self, bad: NDArray[np.bool_], what: str) -> None:
+        rows = np.flatnonzero(bad.reshape(-1, len(self.labels)).any(0))
+        if rows.size:
+            raise InputError(f"observations: {self.labels[rows[0]]} (row {rows[0] + 1}) {what}")

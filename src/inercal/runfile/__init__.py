@@ -1,0 +1,158 @@
+"""The run file: a TOML text that names the sensor, the bench, the data and the method.
+
+`read` checks it whole, units included, and gives plain objects in SI. A mistake is one line that
+names the file, the key and what is possible there.
+"""
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel, ValidationError
+
+from inercal.benches import Hand
+from inercal.errors import InputError
+from inercal.estimate import Gaussian
+from inercal.methods import Method, method
+from inercal.plan import Step
+from inercal.runfile.build import build_bench, build_sensor, coefficient_value
+from inercal.runfile.schema import DataSection, RunSchema
+from inercal.sensors import Sensor
+from inercal.units import parse
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A run file, read and checked.
+
+    Parameters
+    ----------
+    path : Path
+        The run file; other files are named relative to its folder.
+    sha256 : str
+        Of its text.
+    sensor : Sensor
+        With readouts, noise and the coefficients wanted; all axes, also those not calibrated.
+    truth : mapping of str to float
+        Coefficients for a simulation, SI.
+    bench : Hand
+    data : DataSection
+    method : Method
+    estimator : str
+    steps : tuple of Step
+        The nominal plan.
+    priors : tuple of Gaussian
+    rate_hz : float or None
+    """
+
+    path: Path
+    sha256: str
+    sensor: Sensor
+    truth: Mapping[str, float]
+    bench: Hand
+    data: DataSection
+    method: Method
+    estimator: str
+    steps: tuple[Step, ...]
+    priors: tuple[Gaussian, ...]
+    rate_hz: float | None
+
+    def file(self, name: str) -> Path:
+        """Return the path of a file named in the run file."""
+        return self.path.parent / name
+
+
+def read(path: str | Path) -> Run:
+    """Read and check a run file.
+
+    Raises
+    ------
+    InputError
+        No such file, not TOML, an unknown key or name, a value out of place, a wrong unit.
+    """
+    path = Path(path)
+    try:
+        raw = path.read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such run file") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    try:
+        content = tomllib.loads(raw.decode("utf-8"))
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise InputError(f"{path}: not a TOML run file: {error}") from None
+    try:
+        schema = RunSchema.model_validate(content)
+    except ValidationError as error:
+        raise InputError(f"{path}: {_first(error)}") from None
+    try:
+        return _build(path, sha256(raw).hexdigest(), schema)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def _build(path: Path, digest: str, schema: RunSchema) -> Run:
+    chosen = method(schema.method.name)
+    whole = build_sensor(schema.sensor)
+    part = chosen.prepare(whole, schema.method.coefficients)
+    options: dict[str, Any] = {}
+    if schema.method.seconds is not None:
+        options["seconds"] = parse(schema.method.seconds, "s").value
+    if schema.method.turn is not None or schema.method.turn_seconds is not None:
+        if not chosen.rates:
+            raise InputError(f"[method] turn: method {chosen.name} makes no turns")
+        if schema.method.turn is not None:
+            options["angle"] = parse(schema.method.turn, "rad").value
+        if schema.method.turn_seconds is not None:
+            options["turn_seconds"] = parse(schema.method.turn_seconds, "s").value
+    chosen.estimator(schema.method.estimator)
+    priors: list[Gaussian] = []
+    for name, text in schema.method.prior.items():
+        value = coefficient_value(part, name, text, "[method.prior]")
+        if value.sd == 0:
+            raise InputError(f"[method.prior] {name}: {text!r} has no uncertainty; write ± one")
+        priors.append(Gaussian((name,), np.array([value.value]), np.array([[value.sd**2]])))
+    truth = {
+        name: coefficient_value(whole.with_coefficients(name), name, text, "[sensor.truth]").value
+        for name, text in schema.sensor.truth.items()
+    }
+    rate = None if schema.data.rate is None else parse(schema.data.rate, "Hz").value
+    if rate is not None and rate <= 0:
+        raise InputError(f"[data] rate: {schema.data.rate!r} must be positive")
+    return Run(
+        path=path,
+        sha256=digest,
+        sensor=part,
+        truth=truth,
+        bench=build_bench(schema.bench),
+        data=schema.data,
+        method=chosen,
+        estimator=schema.method.estimator or next(iter(chosen.estimators)),
+        steps=chosen.plan(**options),
+        priors=tuple(priors),
+        rate_hz=rate,
+    )
+
+
+def _first(error: ValidationError) -> str:
+    """Return pydantic's first complaint as one line with its key and what is possible there."""
+    complaint = error.errors()[0]
+    where = [str(part) for part in complaint["loc"]]
+    key = ".".join(where)
+    if complaint["type"] == "extra_forbidden":
+        model: type[BaseModel] = RunSchema
+        for part in where[:-1]:
+            inner = model.model_fields[part].annotation
+            if isinstance(inner, type) and issubclass(inner, BaseModel):
+                model = inner
+        return f"unknown key {key}; possible here: {', '.join(model.model_fields)}"
+    if complaint["type"] == "missing":
+        return f"{key} is missing"
+    return f"{key}: {complaint['msg'].removeprefix('Value error, ')}"
+
+
+__all__ = ["Run", "read"]

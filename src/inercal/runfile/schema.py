@@ -1,0 +1,94 @@
+"""What a run file may contain, section by section. Values with units are text: "60 µg/√Hz"."""
+
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class ReadoutSection(_Section):
+    """[sensor.accelerometer] and [sensor.gyro]: how the axes state readings, and their noise."""
+
+    unit: str = Field(description="unit of the output: 'm/s²', 'g', '°/s', 'LSB', 'V', …")
+    scale: str | None = Field(None, description="nominal scale factor, such as '2048 LSB/g'")
+    offset: float = Field(0.0, description="output at zero, in output units")
+    full_scale: str | None = Field(None, description="largest reading, such as '16 g'")
+    white: str | None = Field(None, description="velocity or angle random walk, '60 µg/√Hz'")
+    bias_instability: str | None = None
+    random_walk: str | None = None
+    quantisation: str | None = Field(None, description="step of the reading, such as '0.5 mg'")
+
+
+class SensorSection(_Section):
+    """[sensor]."""
+
+    name: str = "sensor"
+    form: Literal["reference", "tilted"] = "reference"
+    accelerometer: ReadoutSection
+    gyro: ReadoutSection | None = None
+    truth: dict[str, str | float] = Field(default_factory=dict)
+
+
+class BenchSection(_Section):
+    """[bench]: bare hands. Gravity is given, or computed from latitude and height."""
+
+    kind: Literal["hand"] = "hand"
+    gravity: str | None = None
+    latitude: str | None = None
+    height: str = "0 m"
+    tilt: str = "0.5 °"
+    turn_angle: str = "1 °"
+    turn_tilt: str = "0.5 °"
+    timebase: str = "100 ppm"
+
+    @model_validator(mode="after")
+    def _gravity_is_known(self) -> "BenchSection":
+        if self.gravity is None and self.latitude is None:
+            raise ValueError('give gravity = "9.81 m/s² ± 0.1 mm/s²" or latitude (and height)')
+        return self
+
+
+class DataSection(_Section):
+    """[data]: the file and its columns, by header name or by number counted from 1."""
+
+    file: str
+    kind: Literal["recording", "means"] = "recording"
+    accelerometer: tuple[str | int, str | int, str | int] = ("acc_x", "acc_y", "acc_z")
+    gyro: tuple[str | int, str | int, str | int] = ("gyr_x", "gyr_y", "gyr_z")
+    time: str | int | None = None
+    time_unit: str = "s"
+    rate: str | None = None
+    label: str | int | None = None
+    temperature: str | int | None = None
+    temperature_unit: str = "°C"
+    marks: str = Field("found", description="'found', 'labels', or a file of marks")
+    nonfinite: Literal["refuse", "drop"] = "refuse"
+    sd: dict[Literal["accelerometer", "gyro"], str] = Field(
+        default_factory=dict[Literal["accelerometer", "gyro"], str],
+        description="of means: the standard deviation of each",
+    )
+    seconds: str | int | None = Field(None, description="of means: column of durations, s")
+
+
+class MethodSection(_Section):
+    """[method]."""
+
+    name: str
+    estimator: str = ""
+    coefficients: tuple[str, ...] = ()
+    seconds: str | None = Field(None, description="length of each hold in a simulation")
+    turn: str | None = Field(None, description="angle of a turn, positive counter-clockwise")
+    turn_seconds: str | None = None
+    prior: dict[str, str] = Field(default_factory=dict)
+
+
+class RunSchema(_Section):
+    """A whole run file."""
+
+    sensor: SensorSection
+    bench: BenchSection
+    data: DataSection
+    method: MethodSection

@@ -1,0 +1,100 @@
+"""Whether the observations look like the steps that they are said to be.
+
+Catches the usual mistakes where they are made: a mark on the wrong section, swapped or reversed
+columns, degrees taken for radians, a turn the other way.
+"""
+
+from collections.abc import Sequence
+from math import pi
+
+import numpy as np
+
+from inercal.errors import InputError
+from inercal.plan import Hold, Step
+from inercal.recording import Finding, Observations
+from inercal.sensors import Sensor, inverse
+
+_MEANT = 0.7  # cosine: within 45° of the nominal direction
+_ALIGNED = 0.9
+
+
+def check_against_plan(
+    observations: Observations, sensor: Sensor, steps: Sequence[Step], gravity: float
+) -> tuple[Finding, ...]:
+    """Return warnings; raise on what cannot be meant.
+
+    Parameters
+    ----------
+    observations : Observations
+        Without a trial axis.
+    sensor : Sensor
+        With nominal readouts; only complete triads are checked.
+    steps : sequence of Step
+        Of each row.
+    gravity : float
+        m/s².
+
+    Raises
+    ------
+    InputError
+        A hold whose mean specific force points elsewhere, or a turn about another axis or by
+        another unit's angle.
+    """
+    columns = {
+        kind: [k for k, axis in enumerate(sensor.axes) if axis.measures == kind] for kind in "fw"
+    }
+    if len(columns["f"]) != 3:
+        return ()
+    bare = Sensor(sensor.name, sensor.axes)
+    felt = inverse(bare, observations.mean, np.zeros(0))
+    findings: list[Finding] = []
+    holds = np.array([isinstance(step, Hold) for step in steps])
+    for k, step in enumerate(steps):
+        if isinstance(step, Hold):
+            f = felt.f[k]
+            if f @ np.array(step.up) < _MEANT * np.linalg.norm(f):
+                raise InputError(
+                    f"section {step.label} should have {_direction(step.up)} up, but the "
+                    f"accelerometers read {_list(f / gravity)} g: is the mark on another section, "
+                    "or are columns swapped or reversed?"
+                )
+        elif len(columns["w"]) == 3:
+            bias = felt.w[holds].mean(axis=0) if holds.any() else np.zeros(3)
+            findings += _check_turn(step, (felt.w[k] - bias) * observations.duration[k])
+    return tuple(findings)
+
+
+def _check_turn(step: Step, angle: np.ndarray) -> list[Finding]:
+    assert not isinstance(step, Hold)
+    size = float(np.linalg.norm(angle))
+    along = float(angle @ np.array(step.axis))
+    degrees = 180 / pi
+    about = _direction(step.axis)
+    said = f"section {step.label} should turn {step.angle * degrees:+.0f}° about {about}"
+    read = f"the gyros integrate to {_list(angle * degrees)}°"
+    if abs(along) < _ALIGNED * size or not 0.5 < size / abs(step.angle) < 2:
+        hint = "is the mark on another section, or are columns swapped?"
+        for ratio, unit in ((degrees, "°/s taken for rad/s"), (1 / degrees, "rad/s taken for °/s")):
+            if 0.7 < size / abs(step.angle) / ratio < 1.4:
+                hint = f"this looks like {unit}: see unit in [sensor.gyro]"
+        raise InputError(f"{said}, but {read}: {hint}")
+    if along * step.angle < 0:
+        message = (
+            f"{said}, but {read}: the turn went the other way (turn = "
+            f"'{-step.angle * degrees:+.0f} °' in [method]) or the axis is reversed; its scale "
+            "factor comes out negative"
+        )
+        return [Finding("warning", "direction", message)]
+    return []
+
+
+def _direction(vector: Sequence[float]) -> str:
+    for axis, name in zip(np.eye(3), "xyz", strict=True):
+        for sign, word in ((1, "+"), (-1, "−")):
+            if np.allclose(np.array(vector), sign * axis):
+                return word + name
+    return _list(np.array(vector))
+
+
+def _list(vector: np.ndarray) -> str:
+    return "(" + ", ".join(f"{x:+.3g}" for x in vector) + ")"

@@ -1,0 +1,141 @@
+"""Find the sections of a plan in the signal: rests by their quiet, turns by their angle.
+
+The signal's scatter over half a second is compared with its own quietest level, so that no
+threshold depends on units or on the sensor. Rests are told apart by the direction of their mean
+specific force, turns by the axis and the angle of their integrated rate.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.errors import InputError
+from inercal.plan import Hold, Step, Turn
+from inercal.recording import Mark, Recording
+from inercal.sensors import Sensor
+
+Array = NDArray[np.float64]
+WINDOW = 0.5  # s over which scatter is judged
+MARGIN = 0.25  # s cut off both ends of a rest: the hand lets go
+SHORTEST = 1.0  # s
+# Ratio to the quietest tenth: white noise over a window of 50 samples stays below 1.5, a hand's
+# movement is tens to thousands.
+_RESTLESS = 3.0
+_ALIGNED = 0.9  # cosine between a mean specific force (a turn's axis) and the nominal direction
+_TURN_TOLERANCE = 0.25  # a turn's angle may be wrong by this part and still be meant
+
+
+def find_marks(recording: Recording, sensor: Sensor, steps: Sequence[Step]) -> tuple[Mark, ...]:
+    """Return a mark for each step that is found; the longest rest where several fit.
+
+    Parameters
+    ----------
+    recording : Recording
+        Without a trial axis.
+    sensor : Sensor
+        Triads with nominal readouts; gyros are needed for turns and help to tell rests.
+    steps : sequence of Step
+
+    Raises
+    ------
+    InputError
+        Nothing at rest, or the sensor is no triad.
+    """
+    columns = [recording.channels.index(name) for name in sensor.channels]
+    y = sensor.to_si(recording.data[:, columns])
+    force = [k for k, axis in enumerate(sensor.axes) if axis.measures == "f"]
+    rate = [k for k, axis in enumerate(sensor.axes) if axis.measures == "w"]
+    if len(force) != 3 or len(rate) not in (0, 3):
+        raise InputError("sections can be found for triads only; mark them in a file or a column")
+    window = max(round(WINDOW * recording.rate_hz), 4)
+    if y.shape[0] < 4 * window:
+        raise InputError(
+            f"{recording.source}: {recording.duration:.2g} s are too short to find sections in"
+        )
+    scatter = np.max([_relative_scatter(y[:, k], window) for k in (*force, *rate)], axis=0)
+    quiet = scatter < _RESTLESS
+    for before, after in recording.gaps:
+        quiet[before : after + 1] = False
+    margin, shortest = (round(s * recording.rate_hz) for s in (MARGIN, SHORTEST))
+    rests = [(a + margin, b - margin) for a, b in _runs(quiet) if b - a - 2 * margin >= shortest]
+    if not rests:
+        raise InputError(
+            f"{recording.source}: no rest of {SHORTEST + 2 * MARGIN:g} s is found; mark the "
+            "sections in a file or a column"
+        )
+    marks = _holds(y[:, force], rests, steps)
+    if rate:
+        marks += _turns(y[:, rate], recording, quiet, rests, steps)
+    order = [step.label for step in steps]
+    return tuple(sorted(marks, key=lambda mark: order.index(mark.label)))
+
+
+def _relative_scatter(x: Array, window: int) -> Array:
+    """Return the standard deviation about each sample over its quietest tenth, (n,)."""
+    centred = x - x.mean()
+    sums = [np.concatenate([[0.0], np.cumsum(v)]) for v in (centred, centred**2)]
+    n = x.size
+    start = np.clip(np.arange(n) - window // 2, 0, n - window)
+    mean, square = ((s[start + window] - s[start]) / window for s in sums)
+    deviation = np.sqrt(np.maximum(square - mean**2, 0.0))
+    # A coarsely quantised channel may stand still: its smallest step is then the least scatter.
+    steps = np.abs(np.diff(x))
+    least = steps[steps > 0].min() if (steps > 0).any() else 1.0
+    return deviation / max(float(np.quantile(deviation, 0.1)), 0.3 * float(least))
+
+
+def _runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return the half-open ranges where `flags` is true."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+
+
+def _holds(f: Array, rests: Sequence[tuple[int, int]], steps: Sequence[Step]) -> list[Mark]:
+    means = np.array([f[a:b].mean(axis=0) for a, b in rests])
+    # Biases far above noise are common: the middle of the extremes is a better zero than zero.
+    centre = (means.max(axis=0) + means.min(axis=0)) / 2 if len(means) >= 6 else np.zeros(3)
+    if np.abs(centre).max() > 0.2 * np.linalg.norm(means, axis=1).max():
+        centre = np.zeros(3)
+    directions = means - centre
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    marks: list[Mark] = []
+    for step in steps:
+        if isinstance(step, Hold):
+            fitting: list[int] = np.flatnonzero(directions @ np.array(step.up) > _ALIGNED).tolist()
+            if fitting:
+                a, b = max((rests[k] for k in fitting), key=lambda rest: rest[1] - rest[0])
+                marks.append(Mark(step.label, a, b))
+    return marks
+
+
+def _turns(
+    w: Array,
+    recording: Recording,
+    quiet: NDArray[np.bool_],
+    rests: Sequence[tuple[int, int]],
+    steps: Sequence[Step],
+) -> list[Mark]:
+    """Return the turns: between two rests, about one axis, by nearly the nominal angle."""
+    bias = np.median(np.concatenate([w[a:b] for a, b in rests]), axis=0)
+    candidates: list[tuple[int, int, Array]] = []
+    for a, b in _runs(~quiet):
+        angle = (w[a:b] - bias).sum(axis=0) * recording.median_step
+        candidates.append((a, b, angle))
+    marks: list[Mark] = []
+    for step in steps:
+        if not isinstance(step, Turn):
+            continue
+        nominal = step.angle * np.array(step.axis)
+        fitting = [
+            (a, b, angle)
+            for a, b, angle in candidates
+            if np.linalg.norm(np.abs(angle) - np.abs(nominal)) < _TURN_TOLERANCE * abs(step.angle)
+            and np.abs(angle) @ np.abs(nominal) > _ALIGNED * np.linalg.norm(angle) * abs(step.angle)
+        ]
+        if fitting:
+            a, b, _ = min(
+                fitting, key=lambda c: float(np.linalg.norm(np.abs(c[2]) - np.abs(nominal)))
+            )
+            marks.append(Mark(step.label, a, b))
+    return marks

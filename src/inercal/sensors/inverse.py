@@ -1,0 +1,158 @@
+"""From readings back to the motion felt, by Newton's method on the exact model.
+
+Accelerometers and gyros are solved together; with more than three axes of a kind in the sense of
+least squares. An affine model needs one matrix; others iterate, in chunks of bounded memory.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.errors import InputError, NotInvertible
+from inercal.motion import Motion
+from inercal.sensors.sensor import Sensor
+
+Array = NDArray[np.float64]
+_CHUNK = 1 << 16  # samples at a time: the slopes of a chunk fit the cache's outer levels
+_MAX_STEPS = 40
+_BLIND = "the coefficients make the sensor blind along some direction"
+
+
+def inverse(
+    sensor: Sensor,
+    y: Array,
+    c: Array,
+    *,
+    f: Array | None = None,
+    w: Array | None = None,
+    dw: Array | None = None,
+    dT: Array | float = 0.0,
+) -> Motion:
+    """Return the motion that reads `y`.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    y : (..., n, m) array
+        Readings in SI (after the nominal readout).
+    c : (..., p) array
+        Coefficients in SI, the order of `sensor.coefficients`.
+    f, w : (..., n, 3) arrays, optional
+        What the sensor cannot see for itself. With fewer than three independent input axes of a
+        kind, the components across them are taken from here (those along them are ignored).
+        A sensor without gyros takes ω, one without accelerometers takes f, as zero if not given.
+    dw : (..., n, 3) array, optional
+        Angular acceleration, rad/s², where lever arms are modelled.
+    dT : (..., n) array or float
+        Temperature minus reference, K.
+
+    Raises
+    ------
+    InputError
+        One or two input axes of a kind and no cross components given.
+    NotInvertible
+        Some reading lies beyond the fold of the model.
+    """
+    basis = _seen_directions(sensor)
+    for measures, given, word in (("f", f, "specific force"), ("w", w, "angular rate")):
+        rank = _rank(sensor, measures)
+        if 0 < rank < 3 and given is None:
+            raise InputError(
+                f"sensor {sensor.name} has {rank} independent input axis directions for {word}: "
+                f"give the components across them ({measures}=…), or zeros if there are none"
+            )
+    shape = (*y.shape[:-1], 3)
+    zero = np.zeros((1, 3))
+    across = np.concatenate(
+        [np.broadcast_to(zero if v is None else v, shape) for v in (f, w)], axis=-1
+    )
+    across = across - (across @ basis) @ basis.T
+    rates = np.broadcast_to(zero if dw is None else dw, shape)
+    temperature = np.broadcast_to(np.asarray(dT, dtype=float), shape[:-1])
+    if sensor.affine:
+        felt = across + _affine(sensor, y, c, across, rates) @ basis.T
+    else:
+        felt = np.empty((*y.shape[:-1], 6))
+        for start in range(0, y.shape[-2], _CHUNK):
+            part = np.s_[..., start : start + _CHUNK, :]
+            dT_part = temperature[..., start : start + _CHUNK]
+            felt[part] = _newton(sensor, y[part], c, across[part], rates[part], dT_part, basis)
+    return Motion(felt[..., :3], felt[..., 3:], np.asarray(rates), temperature)
+
+
+def _rank(sensor: Sensor, measures: str) -> int:
+    rows = [axis.i for axis in sensor.axes if axis.measures == measures]
+    return int(np.linalg.matrix_rank(np.array(rows))) if rows else 0
+
+
+def _seen_directions(sensor: Sensor) -> Array:
+    """Return an orthonormal basis, (6, k), of the (f, ω) that the input axes can see."""
+    columns: list[Array] = []
+    for offset, measures in ((0, "f"), (3, "w")):
+        rank = _rank(sensor, measures)
+        if rank:
+            rows = np.array([axis.i for axis in sensor.axes if axis.measures == measures])
+            directions = np.eye(3) if rank == 3 else np.linalg.svd(rows)[2][:rank]
+            block = np.zeros((6, rank))
+            block[offset : offset + 3] = directions.T
+            columns.append(block)
+    return np.concatenate(columns, axis=1)
+
+
+def _motion(felt: Array, rates: Array, temperature: Array | float) -> Motion:
+    return Motion(felt[..., :3], felt[..., 3:], rates, temperature)
+
+
+def _solve(slope: Array, right: Array) -> Array:
+    """Return the step; least squares where there are more axes than unknowns."""
+    if slope.shape[-2] > slope.shape[-1]:
+        transposed = np.swapaxes(slope, -1, -2)
+        slope, right = transposed @ slope, (transposed @ right[..., None])[..., 0]
+    try:
+        return np.linalg.solve(slope, right[..., None])[..., 0]
+    except np.linalg.LinAlgError:
+        raise NotInvertible(_BLIND) from None
+
+
+def _affine(sensor: Sensor, y: Array, c: Array, across: Array, rates: Array) -> Array:
+    basis = _seen_directions(sensor)
+    slope = (sensor.slope(Motion(np.zeros((1, 3))), c) @ basis)[..., 0, :, :]
+    if (np.linalg.matrix_rank(slope) < basis.shape[1]).any():
+        raise NotInvertible(f"sensor {sensor.name}: {_BLIND}")
+    offset = sensor.forward(_motion(across, rates, 0.0), c)
+    back: Array = np.linalg.pinv(slope)
+    return (y - offset) @ np.swapaxes(back, -1, -2)
+
+
+def _newton(
+    sensor: Sensor, y: Array, c: Array, across: Array, rates: Array, dT: Array, basis: Array
+) -> Array:
+    """Return (f, ω), (..., n, 6), for one chunk."""
+    origin = _motion(across, rates, dT)
+    at_origin = sensor.slope(origin, c) @ basis
+    x = _solve(at_origin, y - sensor.forward(origin, c))
+    size = np.abs(x).max(axis=-1, keepdims=True) + np.finfo(float).tiny
+    step = np.full_like(x, np.inf)
+    for _ in range(_MAX_STEPS):
+        motion = _motion(across + x @ basis.T, rates, dT)
+        new = _solve(sensor.slope(motion, c) @ basis, y - sensor.forward(motion, c))
+        settled = np.abs(new) <= 4 * np.finfo(float).eps * size
+        x, step = x + new, new
+        if settled.all():
+            break
+    motion = _motion(across + x @ basis.T, rates, dT)
+    slope = sensor.slope(motion, c) @ basis
+    unsettled = (np.abs(step) > 1e-12 * size).any(axis=-1)
+    folded = _determinant(slope) * _determinant(at_origin) <= 0
+    if (unsettled | folded).any():
+        row = int(np.flatnonzero((unsettled | folded).any(axis=tuple(range(y.ndim - 2))))[0])
+        worst = y[..., row, :].reshape(-1, y.shape[-1])[0]
+        raise NotInvertible(
+            f"sensor {sensor.name}: the model does not invert at sample {row} of a chunk, reading "
+            f"{np.array2string(worst, precision=4)} SI: beyond the fold of its nonlinear terms"
+        )
+    return across + x @ basis.T
+
+
+def _determinant(slope: Array) -> Array:
+    square = slope.shape[-2] == slope.shape[-1]
+    return np.linalg.det(slope if square else np.swapaxes(slope, -1, -2) @ slope)

@@ -1,0 +1,84 @@
+"""Random errors of one axis: what its Allan deviation shows.
+
+Symbols and the two-sided spectra of IEEE Std 952, annex B::
+
+    white            N    S(f) = N²             mean over T has sd N/√T
+    bias instability B    S(f) = B²/(2π f)      Allan floor √(2 ln2/π) B = 0.664 B
+    random walk      K    S(f) = (K/(2π f))²    increments over dt have variance K² dt
+    quantisation     step the output is rounded to a multiple of it
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.errors import InputError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise coefficients of one axis, in SI.
+
+    Parameters
+    ----------
+    white : float
+        N, m/s²/√Hz or rad/s/√Hz: velocity or angle random walk.
+    bias_instability : float
+        B, m/s² or rad/s.
+    random_walk : float
+        K, m/s²/√s or rad/s/√s.
+    quantisation : float
+        Step of the reading, m/s² or rad/s; 0 is none.
+
+    Raises
+    ------
+    InputError
+        One of them is negative or not finite.
+    """
+
+    white: float = 0.0
+    bias_instability: float = 0.0
+    random_walk: float = 0.0
+    quantisation: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not (np.isfinite(value) and value >= 0):
+                raise InputError(f"noise {name} = {value}: must be a finite number, 0 or more")
+
+    def draw(self, rng: np.random.Generator, shape: tuple[int, ...], rate_hz: float) -> Array:
+        """Return noise of the given shape, samples along the last axis, without quantisation."""
+        n, dt = shape[-1], 1.0 / rate_hz
+        noise = np.zeros(shape)
+        if self.white:
+            noise += self.white * rate_hz**0.5 * rng.standard_normal(shape)
+        if self.bias_instability:
+            noise += self.bias_instability * _flicker(rng, shape)
+        if self.random_walk:
+            steps = rng.standard_normal(shape)
+            steps[..., 0] = 0.0  # the walk starts from the bias that is to be found
+            noise += self.random_walk * dt**0.5 * np.cumsum(steps, axis=-1)
+        return noise[..., :n]
+
+    def quantise(self, reading: Array) -> Array:
+        """Return the reading rounded to the quantisation step."""
+        if not self.quantisation:
+            return reading
+        return np.round(reading / self.quantisation) * self.quantisation
+
+
+def _flicker(rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
+    """Return unit flicker noise, S(f) = 1/(2π f), by shaping white noise in frequency.
+
+    Twice the length is drawn and half of it kept: the transform is periodic, the noise is not.
+    Nothing below the inverse of that length is drawn: a constant is the bias, not its instability.
+    """
+    n = 2 * shape[-1]
+    spectrum = np.fft.rfft(rng.standard_normal((*shape[:-1], n)), axis=-1)
+    cycles_per_sample = np.fft.rfftfreq(n)
+    gain = np.zeros_like(cycles_per_sample)
+    gain[1:] = (2 * np.pi * cycles_per_sample[1:]) ** -0.5
+    return np.fft.irfft(spectrum * gain, n=n, axis=-1)[..., : shape[-1]]

@@ -1,0 +1,279 @@
+"""Units as people write them, "µg/g²" or "°/√h": their size in SI and their dimension.
+
+A unit is read by this small grammar, so that junk is refused at once and only names reach pint::
+
+    product = factor { ["·" | "*" | "/"] factor }
+    factor  = ("√" | "sqrt") factor | (name | "1" | "(" product ")") [power]
+    power   = ("^" | "**") exponent | superscripts | a digit right behind the name, as in "m/s2"
+"""
+
+import math
+import re
+from collections import deque
+from collections.abc import Generator
+from contextlib import contextmanager
+from difflib import get_close_matches
+from functools import cache, lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.errors import InputError
+
+# Definitions in pint's notation (name = size = symbol or _ = other names), and allowed prefixes.
+_UNITS = (
+    ("m = [length] = _ = meter = metre", "nµmck"),
+    ("s = [time] = _ = sec = second", "nµm"),
+    ("rad = [angle] = _ = radian", "nµm"),
+    ("K = [temperature] = _ = kelvin", "µm"),
+    ("V = [voltage] = _ = volt", "nµmk"),
+    ("A = [current] = _ = ampere", "nµm"),
+    ("LSB = [count] = _ = count", ""),
+    ("sample = [sample]", ""),
+    ("min = 60 * s = _ = minute", ""),
+    ("h = 3600 * s = _ = hr = hour", ""),
+    ("Hz = 1 / s = _ = hertz", "µmkM"),
+    (f"deg = {math.pi / 180!r} * rad = ° = degree", "m"),
+    (f"arcmin = {math.pi / 10800!r} * rad = ′", ""),
+    (f"arcsec = {math.pi / 648000!r} * rad = ″", "µm"),
+    (f"rev = {2 * math.pi!r} * rad = _ = r = turn", ""),
+    ("rpm = rev / min", ""),
+    ("dps = deg / s", "m"),
+    ("g = 9.80665 * m / s**2", "nµm"),
+    ("Gal = 0.01 * m / s**2", "µm"),
+    ("degC = K = °C = celsius", ""),
+    ("ppm = 1e-6", ""),
+    ("percent = 0.01 = %", ""),
+)
+_PREFIXES = ("n- = 1e-9", "µ- = 1e-6 = _ = u-", "m- = 1e-3", "c- = 0.01", "k- = 1e3", "M- = 1e6")
+_NAMES = {
+    names[0]: [name for i, name in enumerate(names) if i != 1 and name != "_"]
+    for names in (definition.split(" = ") for definition, _ in _UNITS)
+}
+_TAKES = dict(zip(_NAMES, (prefixes for _, prefixes in _UNITS), strict=True))
+
+_KINDS = {
+    "1": "a plain number",
+    "m": "a length",
+    "s": "a time",
+    "rad": "an angle",
+    "Hz": "a frequency",
+    "m/s": "a speed",
+    "m/s²": "an acceleration",
+    "rad/s": "an angular rate",
+    "rad/s²": "an angular acceleration",
+    "m/s²/√Hz": "an acceleration noise density",
+    "rad/√s": "an angle random walk",
+    "K": "a temperature",
+    "V": "a voltage",
+    "A": "a current",
+    "LSB": "a count",
+    "sample": "a number of samples",
+}
+_ZERO_CELSIUS = 273.15  # K, exact (SI brochure, 9th edition, 2.3.1)
+
+# Characters that look alike or that keyboards lack; µ and μ are two letters to Unicode.
+_LOOK_ALIKE = str.maketrans("μ−–º˚⋅×\u00a0\u2009\u202f\t", "µ--°°··    ")
+_SUPERSCRIPT = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
+_LONGEST = 100  # characters; nobody writes more, and it bounds the work on junk
+_TOKEN = re.compile(
+    r" *(?:(?P<name>[A-Za-zµ]*(?:°C|[°′″%])|[A-Za-zµ]+)"
+    r"|(?:\^|\*\*) *(?:(?P<power>-?[0-9](?:\.5)?)|\( *(?P<halves>-?[1-9]) */ *2 *\))"
+    r"|(?<=[A-Za-zµ])(?P<digit>[2-9]|-[1-9])(?![0-9.])"
+    r"|(?P<symbol>[√1·*/()])) *"
+)
+_NOT_A_UNIT = "is not a unit; units look like 'm/s²', 'µg/g²' or '°/√h'"
+
+
+class UnclearError(Exception):
+    """What is wrong with a text, in words that follow the text itself in the message."""
+
+
+class Unit(NamedTuple):
+    """What one unit is."""
+
+    size: float  # in SI
+    dimension: frozenset[tuple[str, float]]  # such as {("length", 1), ("time", -2)}
+    offset: float  # SI value of "0 unit"
+
+
+def factor(unit: str, like: str | None = None) -> float:
+    """Return the SI size of one `unit`; cached.
+
+    Parameters
+    ----------
+    unit : str
+        Such as "µg/g²".
+    like : str, optional
+        A unit of the dimension that is expected.
+
+    Raises
+    ------
+    InputError
+        Not a unit, of another dimension than `like`, or "°C", which is no mere factor (`to_si`).
+
+    Examples
+    --------
+    >>> factor("mg", like="m/s²")
+    0.00980665
+    >>> factor("mm", like="rad")
+    Traceback (most recent call last):
+    ...
+    inercal.errors.InputError: 'mm' is a length; expected an angle, such as 'rad'
+    """
+    with about(unit):
+        read = expect(unit, like)
+        if read.offset:
+            raise UnclearError(f"counts from {read.offset:g} K and has no factor; expected 'K'")
+    return read.size
+
+
+def to_si(values: NDArray[np.float64], unit: str, like: str) -> NDArray[np.float64]:
+    """Return `values`, any shape, in SI from `unit`; "°C" becomes K with its offset.
+
+    Raises
+    ------
+    InputError
+        Not a unit, or of another dimension than `like`.
+    """
+    with about(unit):
+        read = expect(unit, like)
+    return values * read.size + read.offset
+
+
+@contextmanager
+def about(text: object) -> Generator[None]:
+    """Put `text` before what is found to be wrong with it."""
+    try:
+        yield
+    except UnclearError as what:
+        raise InputError(f"{_quote(text)} {what}") from None
+
+
+def _quote(text: object) -> str:
+    """Return `text` as messages show it: on one line and not too long."""
+    # repr() refuses integers beyond sys.get_int_max_str_digits().
+    shown = "a huge integer" if isinstance(text, int) and abs(text) > 1e300 else repr(text)
+    return shown if len(shown) <= 60 else f"{shown[:56]}…{shown[-1]}"
+
+
+def plain_text(text: str) -> str:
+    """Return `text` without look-alike characters and superscripts."""
+    if len(text) > _LONGEST:
+        raise UnclearError(f"is longer than {_LONGEST} characters")
+    text = text.translate(_LOOK_ALIKE).replace("℃", "°C")
+    return re.sub("[⁰¹²³⁴-⁹⁻]+", lambda m: "^" + m[0].translate(_SUPERSCRIPT), text).strip()
+
+
+def expect(unit: str, like: str | None) -> Unit:
+    """Read a unit and hold it to the dimension of `like`."""
+    read = read_unit(unit)
+    if like is not None and read.dimension != read_unit(like).dimension:
+        raise UnclearError(f"is {_kind(read)}; expected {expected(like, like)}")
+    return read
+
+
+def expected(like: str, example: str) -> str:
+    """Return words for the quantities of the dimension of `like`."""
+    return f"{_kind(read_unit(like))}, such as {example!r}"
+
+
+def _kind(unit: Unit) -> str:
+    for known, kind in _KINDS.items():
+        if read_unit(known).dimension == unit.dimension:
+            return kind
+    powers = [n if p == 1 else f"{n}^{p:g}" for n, p in sorted(unit.dimension)]
+    return f"a quantity in {'·'.join(powers)}"
+
+
+@lru_cache(maxsize=1024)
+def read_unit(unit: str) -> Unit:
+    """Return what one unit is; anything that is not a unit is an InputError."""
+    from pint.util import UnitsContainer  # here, not above: see _registry
+
+    with about(unit):
+        powers = _powers(plain_text(unit))
+        size, _ = _registry().get_base_units(UnitsContainer(powers))
+        if not 0 < size < math.inf:
+            raise UnclearError(_NOT_A_UNIT)
+    dimension = _registry().get_dimensionality(UnitsContainer(powers))
+    return Unit(
+        float(size),
+        frozenset((name.strip("[]"), float(power)) for name, power in dimension.items()),
+        _ZERO_CELSIUS if powers == {"degC": 1} else 0.0,
+    )
+
+
+@cache
+def _registry() -> Any:
+    """Return a registry that knows the units above and nothing else; pint's types are partial."""
+    import pint  # takes 0.2 s: only a program that reads units pays for it
+
+    registry: Any = pint.UnitRegistry  # its constructor takes lines too, against its annotation
+    return registry([*_PREFIXES, *(definition for definition, _ in _UNITS)])
+
+
+def _powers(plain: str) -> dict[str, float]:
+    """Return the power of each unit by name, reading the grammar at the top of the module."""
+    tokens, end = deque[str | float](), 0  # a float is a power
+    while end < len(plain):
+        if not (found := _TOKEN.match(plain, end)):
+            raise UnclearError(_NOT_A_UNIT)
+        if halves := found["halves"]:
+            tokens.append(float(halves) / 2)
+        elif power := found["power"] or found["digit"]:
+            tokens.append(float(power))
+        else:
+            tokens.append(found["name"] or found["symbol"])
+        end = found.end()
+    powers = _product(tokens)
+    if tokens or any(abs(power) > 9 for power in powers.values()):
+        raise UnclearError(_NOT_A_UNIT)
+    return {name: power for name, power in powers.items() if power}
+
+
+def _product(tokens: deque[str | float]) -> dict[str, float]:
+    total = _factor(tokens)
+    while tokens and tokens[0] != ")":
+        sign = -1.0 if tokens[0] == "/" else 1.0
+        if tokens[0] in ("·", "*", "/"):
+            tokens.popleft()
+        for name, power in _factor(tokens).items():
+            total[name] = total.get(name, 0.0) + sign * power
+    return total
+
+
+def _factor(tokens: deque[str | float]) -> dict[str, float]:
+    token = tokens.popleft() if tokens else ""
+    if token in ("√", "sqrt"):
+        return {name: power / 2 for name, power in _factor(tokens).items()}
+    if token == "(":
+        powers = _product(tokens)
+        if not tokens or tokens.popleft() != ")":
+            raise UnclearError(_NOT_A_UNIT)
+    elif token == "1":
+        powers = {}
+    elif isinstance(token, str) and token[:1] not in ("", "·", "*", "/", ")"):
+        powers = {_known(token): 1.0}
+    else:
+        raise UnclearError(_NOT_A_UNIT)
+    if tokens and isinstance(exponent := tokens[0], float):
+        tokens.popleft()
+        powers = {name: power * exponent for name, power in powers.items()}
+    return powers
+
+
+def _known(name: str) -> str:
+    """Return pint's name of a unit that may carry a prefix, or refuse it with near ones."""
+    for prefix, unit, _ in _registry().parse_unit_name(name):
+        if not prefix or prefix in _TAKES.get(unit, ""):
+            return prefix + unit
+    names = [name for names in _NAMES.values() for name in names]
+    names += [prefix + unit for unit, prefixes in _TAKES.items() for prefix in prefixes]
+    near = [n for n in names if n.lower() == name.lower()] or get_close_matches(name, names)
+    if near:
+        raise InputError(
+            f"unknown unit {_quote(name)}; did you mean {' or '.join(map(repr, near))}?"
+        )
+    raise InputError(f"unknown unit {_quote(name)}; known are {', '.join(_NAMES)}")

@@ -1,0 +1,200 @@
+"""Quantities as people write them, "0.5 m ± 5 µm (k=2)", and back."""
+
+import math
+import re
+import sys
+from dataclasses import dataclass
+
+from inercal.units.expression import UnclearError, about, expect, expected, plain_text, read_unit
+
+_NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
+_QUANTITY = re.compile(rf"({_NUMBER}) *(.*)")
+_COVERAGE = re.compile(rf"[,(]? *k *= *({_NUMBER}) *\)?$")
+_GROUP = re.compile(r"\(([^±]*)±([^±)]*)\)(.*)")  # "(12 ± 3) µg"
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A value and its standard uncertainty, both in SI.
+
+    Parameters
+    ----------
+    value : float
+        SI.
+    sd : float
+        Standard uncertainty (k = 1), SI; 0 where none was stated.
+    """
+
+    value: float
+    sd: float
+
+
+def parse(text: str | float, like: str) -> Measured:
+    """Return what a person wrote as a quantity, in SI.
+
+    Forms: "0.5 m", "0.5 m ± 5 µm", "(12 ± 3) µg", "9.81 m/s² ± 40 ppm" (relative), "0 ± 0.5 %",
+    "23 °C ± 0.5 K", and any of these followed by "(k=2)"; "+/-" does for "±".
+
+    Parameters
+    ----------
+    text : str or float
+        A number, or a text without a unit, only where `like` is "1".
+    like : str
+        A unit of the dimension that is expected.
+
+    Raises
+    ------
+    InputError
+        Anything that is not plainly one finite quantity of that dimension.
+
+    Examples
+    --------
+    >>> parse("0.5 m ± 1 mm (k=2)", like="m")
+    Measured(value=0.5, sd=0.0005)
+    """
+    with about(text):
+        body, k = _coverage(_body(text, like))
+        if group := _GROUP.fullmatch(body):
+            body = f"{group[1]} {group[3]}±{group[2]} {group[3]}"
+        first, *rest = body.split("±")
+        number, unit = _split(first, like)
+        if not rest and k:
+            raise UnclearError("states k without an uncertainty, such as '0.5 m ± 10 µm (k=2)'")
+        if not rest:
+            return Measured(_value(number, unit, like), 0.0)
+        if len(rest) > 1:
+            raise UnclearError("states more than one uncertainty")
+        sd, sd_unit = _split(rest[0], like)
+        if sd < 0:
+            raise UnclearError("states a negative uncertainty")
+        unit = unit or _shared(number, sd_unit, like)
+        value = _value(number, unit, like)
+        return Measured(value, _sd(value, unit, sd, sd_unit, like) / (k or 1.0))
+
+
+def readable(value: float, sd: float, unit: str) -> str:
+    """Return a quantity for people, rounded to two significant digits of its uncertainty.
+
+    Parameters
+    ----------
+    value, sd : float
+        SI. An `sd` of 0 is not printed; one that is not finite is printed as it is.
+    unit : str
+        The unit to print in; "1" prints none.
+
+    Examples
+    --------
+    >>> readable(1.2346e-4, 4.03e-6, "µg")
+    '12.59 ± 0.41 µg'
+    """
+    read = read_unit(unit)
+    value, sd = (value - read.offset) / read.size, sd / read.size
+    after = "" if unit == "1" else f" {unit}"
+    if sd == 0 or not math.isfinite(value):
+        return f"{value:.7g}{after}"
+    if not math.isfinite(sd):
+        return f"{value:.7g} ± {sd:g}{after}"
+    last = int(f"{sd:.1e}".partition("e")[2]) - 1  # decimal place of the sd's second digit
+    first = math.floor(math.log10(max(abs(value), sd)))
+    power = 0 if -4 <= first < 7 else first
+    tail = f"e{power}" if power else ""
+    value, sd = (round(x, -last) / 10.0**power + 0.0 for x in (value, sd))  # + 0.0: no "-0.0"
+    places = max(power - last, 0)
+    return f"{value:.{places}f}{tail} ± {sd:.{places}f}{tail}{after}"
+
+
+def digits(value: float, uncertainty: float) -> tuple[str, str]:
+    """Return both numbers as text, rounded to two significant digits of the uncertainty.
+
+    Examples
+    --------
+    >>> digits(-0.123456, 0.00123)
+    ('-0.1235', '0.0012')
+    >>> digits(54321.2, 1234.0)
+    ('54300', '1200')
+    """
+    if not (math.isfinite(uncertainty) and uncertainty > 0):
+        return f"{value:.7g}", f"{uncertainty:g}"
+    places = 1 - int(f"{uncertainty:.1e}".partition("e")[2])
+    rounded = (round(x, places) + 0.0 for x in (value, uncertainty))  # + 0.0: no "-0"
+    shown = max(places, 0)
+    first, second = (f"{x:.{shown}f}" for x in rounded)
+    return first, second
+
+
+def _body(text: object, like: str) -> str:
+    """Return the quantity in plain characters."""
+    if isinstance(text, str) and text.strip():
+        return re.sub(r"\+ ?/? ?-", "±", plain_text(text))
+    if isinstance(text, bool) or not isinstance(text, (int, float)):
+        raise UnclearError(f"is no quantity; write one such as {_example(1, like)}")
+    if not abs(text) <= sys.float_info.max:
+        raise UnclearError("is not a finite number")
+    return repr(float(text))
+
+
+def _coverage(body: str) -> tuple[str, float | None]:
+    """Split off "(k=2)"."""
+    found = _COVERAGE.search(body)
+    if not found:
+        return body, None
+    k = float(found[1])
+    if not 0 < k < math.inf:
+        raise UnclearError("states a coverage factor k that is not positive and finite")
+    return body[: found.start()].strip(), k
+
+
+def _split(text: str, like: str) -> tuple[float, str]:
+    """Split "-12 mg" into number and unit."""
+    if "," in text:
+        raise UnclearError("has a comma; decimals take a point")
+    found = _QUANTITY.fullmatch(text.strip())
+    if not found or not math.isfinite(float(found[1])):
+        raise UnclearError(f"is no finite number with its unit, such as {_example(0.5, like)}")
+    return float(found[1]), found[2].strip()
+
+
+def _shared(number: float, sd_unit: str, like: str) -> str:
+    """Return the unit of a value that has none itself: "12 ± 3 µg" gives it once."""
+    if read_unit(sd_unit or "1").dimension:
+        return sd_unit
+    # "1 ± 40 ppm" may mean 1 or 1 ppm; only at zero both agree.
+    if sd_unit and number and not read_unit(like).dimension:
+        raise UnclearError(
+            f"can mean {number:g} or {number:g} {sd_unit}; write '(… ± …) {sd_unit}'"
+        )
+    return ""
+
+
+def _value(number: float, unit: str, like: str) -> float:
+    if not unit and read_unit(like).dimension:
+        raise UnclearError(f"has no unit; expected {expected(like, f'{number:g} {like}')}")
+    read = expect(unit or "1", like)
+    value = number * read.size + read.offset
+    if not math.isfinite(value):
+        raise UnclearError("is too large")
+    return value
+
+
+def _sd(value: float, unit: str, sd: float, sd_unit: str, like: str) -> float:
+    """Return the standard uncertainty in SI, before k."""
+    if unit and not sd_unit:
+        raise UnclearError(f"states an uncertainty without a unit, such as '{sd:g} {unit}'")
+    unit, sd_unit = unit or "1", sd_unit or "1"
+    plain = not read_unit(like).dimension
+    if plain and value and unit != sd_unit:
+        raise UnclearError(f"can be read in two ways; state the uncertainty in {unit!r} too")
+    if plain or read_unit(sd_unit).dimension:
+        with about(f"± {sd:g} {sd_unit}"):
+            sd *= expect(sd_unit, like).size
+    elif value == 0 or read_unit(unit).offset:
+        raise UnclearError(f"has no meaning as a ratio; state the uncertainty in {like!r}")
+    else:
+        sd *= read_unit(sd_unit).size * abs(value)
+    if not math.isfinite(sd):
+        raise UnclearError("states an uncertainty that is too large")
+    return sd
+
+
+def _example(number: float, like: str) -> str:
+    return repr(f"{number:g}" if like == "1" else f"{number:g} {like}")

@@ -1,0 +1,284 @@
+"""What people write, what it means in SI, and how what cannot be meant is refused."""
+
+import random
+import subprocess
+import sys
+from math import inf, nan, pi, radians, sqrt
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from inercal.errors import InputError
+from inercal.units import Measured, factor, parse, readable, to_si
+
+G = 9.80665
+ARCSEC = pi / 648000
+
+
+@pytest.mark.parametrize(
+    ("text", "like", "value", "sd"),
+    [
+        ("0.5 m ± 5 µm", "m", 0.5, 5e-6),
+        ("0.5 m +/- 5 um", "m", 0.5, 5e-6),
+        ("0.5m+-5um", "mm", 0.5, 5e-6),
+        ("0.5 m ± 5 \u03bcm", "m", 0.5, 5e-6),  # the Greek letter, not the micro sign
+        ("0.5 m ± 10 µm (k=2)", "m", 0.5, 5e-6),
+        ("0.5 m ± 9.8 µm, k = 1.96", "m", 0.5, 5e-6),
+        ("(12 ± 3) µg", "g", 12e-6 * G, 3e-6 * G),
+        ("(12 ± 3) µg (k=2)", "m/s²", 12e-6 * G, 1.5e-6 * G),
+        ("-12 ± 3 mg", "g", -12e-3 * G, 3e-3 * G),
+        ("−12 mg", "g", -12e-3 * G, 0),  # the minus sign, not the hyphen
+        ("2 arcsec", "rad", 2 * ARCSEC, 0),
+        ("2″", "rad", 2 * ARCSEC, 0),
+        ("1.5′", "rad", 90 * ARCSEC, 0),
+        ("45.5°", "rad", radians(45.5), 0),
+        ("45.5 º", "rad", radians(45.5), 0),  # the masculine ordinal of some keyboards
+        ("10 µg/g²", "µg/g^2", 10e-6 / G, 0),
+        ("0.1 °/√h", "°/√h", radians(0.1) / 60, 0),
+        ("0.1 deg/sqrt(h)", "rad/√s", radians(0.1) / 60, 0),
+        ("0.1 deg/hr^0.5", "°/√h", radians(0.1) / 60, 0),
+        ("0.1 deg/h^(1/2)", "°/√h", radians(0.1) / 60, 0),
+        ("60 µg/√Hz", "m/s²/√Hz", 60e-6 * G, 0),
+        ("60 µg/√(Hz)", "m/s/√s", 60e-6 * G, 0),
+        ("3 (°/h)/g", "°/h/g", radians(3) / 3600 / G, 0),
+        ("102.4 Hz", "Hz", 102.4, 0),
+        ("2048 LSB/g", "LSB/(m/s²)", 2048 / G, 0),
+        ("16.4 LSB/(°/s)", "count/(rad/s)", 16.4 * 180 / pi, 0),
+        ("1 mA/g", "A/g", 1e-3 / G, 0),
+        ("60 r/min", "rad/s", 2 * pi, 0),
+        ("60 rpm", "rev/s", 2 * pi, 0),
+        ("250 dps", "°/s", radians(250), 0),
+        ("9.81 m/s² ± 40 ppm", "m/s²", 9.81, 9.81 * 40e-6),
+        ("-9.81 m/s² ± 0.1 %", "g", -9.81, 9.81e-3),
+        ("9.81 m·s⁻²", "g", 9.81, 0),
+        ("9.81 m s^-2", "g", 9.81, 0),
+        ("9.81 m/s**2", "g", 9.81, 0),
+        ("9.81 m/s2", "g", 9.81, 0),
+        ("1 mGal", "m/s²", 1e-5, 0),
+        ("23 °C ± 0.5 K", "K", 296.15, 0.5),
+        ("23 ± 0.5 °C", "K", 296.15, 0.5),
+        ("5 µg/°C", "µg/K", 5e-6 * G, 0),
+        ("0 ± 0.5 %", "1", 0, 0.005),
+        ("100 % ± 0.5 %", "1", 1, 0.005),
+        ("(3 ± 1) ppm", "1", 3e-6, 1e-6),
+        ("3e-5", "1", 3e-5, 0),
+        ("1 ± 4e-5", "1", 1, 4e-5),
+        (" .5 ", "1", 0.5, 0),
+        (3, "1", 3, 0),
+        (-2.5, "1", -2.5, 0),
+        ("5 counts", "LSB", 5, 0),
+        ("2 hours", "s", 7200, 0),
+        ("1 ppm/K", "1/K", 1e-6, 0),
+    ],
+)
+def test_text_means(text: str | float, like: str, value: float, sd: float):
+    assert_allclose([parse(text, like).value, parse(text, like).sd], [value, sd], rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("text", "like", "message"),
+    [
+        ("2 mm", "rad", "'2 mm' is a length; expected an angle, such as 'rad'"),
+        ("1 Hz", "rad/s", "'1 Hz' is a frequency; expected an angular rate, such as 'rad/s'"),
+        ("1 rad/s", "Hz", "'1 rad/s' is an angular rate; expected a frequency, such as 'Hz'"),
+        ("1 rad", "1", "'1 rad' is an angle; expected a plain number, such as '1'"),
+        ("5 m ± 3 s", "m", "'± 3 s' is a time; expected a length, such as 'm'"),
+        (
+            "1 g",
+            "LSB/g",
+            "'1 g' is an acceleration; "
+            "expected a quantity in count·length^-1·time^2, such as 'LSB/g'",
+        ),
+        ("5 khz", "Hz", "unknown unit 'khz'; did you mean 'kHz'?"),
+        ("5 arcsek", "rad", "unknown unit 'arcsek'; did you mean 'arcsec' or "),
+        ("5 kg", "g", "unknown unit 'kg'; did you mean 'g'?"),
+        ("5 Mg", "g", "unknown unit 'Mg'; did you mean 'mg'?"),
+        ("5 m°C", "K", "unknown unit 'm°C'; did you mean '°C'?"),
+        ("5 xx", "m", "unknown unit 'xx'; known are m, s, rad, "),
+        ("5", "m", "'5' has no unit; expected a length, such as '5 m'"),
+        (5, "m", "5 has no unit; expected a length, such as '5 m'"),
+        ("5 ± 3", "m", "'5 ± 3' has no unit; expected a length"),
+        ("5 ± 3 %", "m", "'5 ± 3 %' has no unit; expected a length"),
+        ("5 m ± 3", "m", "states an uncertainty without a unit, such as '3 m'"),
+        ("5 m ± -3 mm", "m", "'5 m ± -3 mm' states a negative uncertainty"),
+        ("5 m ± 1 mm ± 1 mm", "m", "states more than one uncertainty"),
+        ("± 5 m", "m", "is no finite number with its unit, such as '0.5 m'"),
+        ("5 m (k=2)", "m", "states k without an uncertainty"),
+        ("5 m ± 1 m (k=0)", "m", "coverage factor k that is not positive"),
+        ("5 m ± 1 m (k=-2)", "m", "coverage factor k that is not positive"),
+        ("0 g ± 5 %", "g", "has no meaning as a ratio; state the uncertainty in 'g'"),
+        ("23 °C ± 5 %", "K", "has no meaning as a ratio; state the uncertainty in 'K'"),
+        ("1 ± 40 ppm", "1", "can mean 1 or 1 ppm; write '(… ± …) ppm'"),
+        ("50 ppm ± 10 %", "1", "can be read in two ways; state the uncertainty in 'ppm' too"),
+        ("0,5 m", "m", "'0,5 m' has a comma; decimals take a point"),
+        ("nan", "1", "'nan' is no finite number"),
+        ("-inf m", "m", "'-inf m' is no finite number"),
+        ("1e999 m", "m", "'1e999 m' is no finite number"),
+        ("1e308 km", "m", "'1e308 km' is too large"),
+        ("1 m ± 1e308 km", "m", "states an uncertainty that is too large"),
+        (nan, "1", "nan is not a finite number"),
+        (-inf, "1", "-inf is not a finite number"),
+        ("", "m", "'' is no quantity; write one such as '1 m'"),
+        (" \n", "1", "is no quantity; write one such as '1'"),
+        (True, "1", "True is no quantity; write one such as '1'"),
+        (None, "m", "None is no quantity; write one such as '1 m'"),
+        ([1.0], "m", "[1.0] is no quantity; write one such as '1 m'"),
+        ("m", "m", "'m' is no finite number with its unit, such as '0.5 m'"),
+        ("5 m//s", "m", "'m//s' is not a unit; units look like"),
+        ("5 (m", "m", "'(m' is not a unit"),
+        ("5 m)", "m", "'m)' is not a unit"),
+        ("5 m/", "m", "'m/' is not a unit"),
+        ("5 2 m", "m", "'2 m' is not a unit"),
+        ("5 m\n6 m", "m", r"'5 m\n6 m' is no finite number with its unit"),
+        ("45°30′12″", "rad", "'°30′12″' is not a unit"),
+        ("5 __import__('os')", "m", "is not a unit"),
+        ("x" * 101, "m", "x…' is longer than 100 characters"),
+        ("9**9**9**9", "1", "'**9**9**9' is not a unit"),
+        ("1 9**9**9**9", "1", "'9**9**9**9' is not a unit"),
+        ("1 m**9**9**9", "m", "'m**9**9**9' is not a unit"),
+        ("1 ((((h^9)^9)^9)^9)^9", "m", "'((((h^9)^9)^9)^9)^9' is not a unit"),
+        ("1 nm^9 ns^9 nV^9 ng^9 nrad^9", "m", "is not a unit"),  # beyond the range of floats
+    ],
+)
+def test_text_is_refused(text: str, like: str, message: str):
+    with pytest.raises(InputError) as refusal:
+        parse(text, like)
+    assert message in str(refusal.value)
+
+
+def test_an_integer_beyond_all_floats_is_refused():
+    with pytest.raises(InputError, match="a huge integer is not a finite number"):
+        parse(10**5000, like="1")
+
+
+@pytest.mark.parametrize(
+    ("unit", "size"),
+    [
+        ("1", 1),
+        ("g", G),
+        ("mg", 1e-3 * G),
+        ("µg", 1e-6 * G),
+        ("ug/√Hz", 1e-6 * G),
+        ("µg/g³", 1e-6 / G**2),
+        ("µg/g²/K", 1e-6 / G),
+        ("µg/(rad/s)²", 1e-6 * G),
+        ("ppm/(rad/s)", 1e-6),
+        ("%", 0.01),
+        ("°/h/g²", radians(1) / 3600 / G**2),
+        ("m°/s", radians(1e-3)),
+        ("1/√Hz", 1),
+        ("√(m·s)", 1),
+        ("√h", 60),
+        ("√(h)/√(min)", sqrt(60)),
+        ("kHz", 1e3),
+        ("min", 60),
+        ("ms", 1e-3),
+        ("sample/s", 1),
+    ],
+)
+def test_factor_is_the_si_size_of_one_unit(unit: str, size: float):
+    assert factor(unit) == pytest.approx(size, rel=1e-14)
+
+
+def test_factor_holds_the_unit_to_an_expected_dimension():
+    assert factor("°/h", like="rad/s") == pytest.approx(pi / 648000, rel=1e-14)
+    with pytest.raises(InputError, match="'°/h' is an angular rate; expected an angle, such as"):
+        factor("°/h", like="rad")
+
+
+@pytest.mark.parametrize(
+    "unit", ["", " ", "2 m", "m^", "√", "()", "m^-", "g_n", "³", "m^2.7", "²m"]
+)
+def test_factor_refuses_what_is_not_a_unit(unit: str):
+    with pytest.raises(InputError, match="is not a unit; units look like"):
+        factor(unit)
+
+
+def test_celsius_is_no_factor_but_a_difference_of_one_is_a_kelvin():
+    with pytest.raises(InputError, match=r"'°C' counts from 273\.15 K and has no factor"):
+        factor("°C", like="K")
+    assert factor("ppm/°C") == factor("ppm/K")
+
+
+def test_a_column_in_celsius_becomes_kelvin():
+    column = np.array([[-273.15, 0.0], [23.0, 100.0]])
+    assert_allclose(to_si(column, "°C", "K"), [[0, 273.15], [296.15, 373.15]])
+    assert_allclose(to_si(column, "mg", "g"), column * 1e-3 * G)
+    with pytest.raises(InputError, match="'V' is a voltage; expected a temperature"):
+        to_si(column, "V", "K")
+
+
+@pytest.mark.parametrize(
+    ("value", "sd", "unit", "text"),
+    [
+        (12.34e-6 * G, 0.41e-6 * G, "µg", "12.34 ± 0.41 µg"),
+        (0.5, 5e-6, "m", "0.5000000 ± 0.0000050 m"),
+        (123456, 1234, "m", "123500 ± 1200 m"),
+        (-0.001, 1, "m", "0.0 ± 1.0 m"),
+        (1.0, 0.0996, "1", "1.00 ± 0.10"),
+        (1e-9, 1e-11, "m", "1.000e-9 ± 0.010e-9 m"),
+        (1.234e8, 1.3e5, "m", "1.2340e8 ± 0.0013e8 m"),
+        (296.15, 0.5, "°C", "23.00 ± 0.50 °C"),
+        (radians(2 / 3600), 0, "″", "2 ″"),
+        (G, 0, "m/s²", "9.80665 m/s²"),
+        (1, inf, "m", "1 ± inf m"),
+        (nan, nan, "m", "nan m"),
+    ],
+)
+def test_readable_rounds_to_two_digits_of_the_uncertainty(
+    value: float, sd: float, unit: str, text: str
+):
+    assert readable(value, sd, unit) == text
+
+
+def test_parse_reads_what_readable_prints():
+    rng = random.Random(5)
+    for _ in range(300):
+        value = rng.gauss(0, 1) * 10 ** rng.uniform(-12, 12)
+        sd = abs(value) * 10 ** rng.uniform(-6, 2)
+        back = parse(readable(value, sd, "µg"), like="g")
+        assert back.sd == pytest.approx(sd, rel=0.051)
+        assert abs(back.value - value) <= 0.051 * sd
+
+
+def test_measured_is_a_value_without_uncertainty_unless_one_is_stated():
+    assert parse("3 m", like="m") == Measured(3.0, 0.0)
+
+
+PIECES = [
+    *"0123456789.,+-*/^()[]{}±√·°′″%µμ²³⁻¹ \t\n\"'\\_#@;:=<>&|~$€∞①٣mskghrKVAGeEN",
+    *("**", "sqrt", "deg", "Hz", "(k=2)", "LSB", "ppm", "°C", "nan", "inf", "1e9", "lambda "),
+    *("+/-", " ± ", "5 ", "m", "/s", "/√h", "9**9"),
+]
+
+
+def test_junk_gives_a_quantity_or_one_line_of_refusal():
+    rng = random.Random(1)
+    refusals: list[str] = []
+    for _ in range(10_000):
+        text = rng.choice(["", "5 "]) + "".join(rng.choices(PIECES, k=rng.randint(0, 12)))
+        try:
+            measured = parse(text, like=rng.choice(["m", "g", "1", "K", "°/√h"]))
+        except InputError as refusal:
+            refusals.append(str(refusal))
+        else:
+            assert abs(measured.value) < inf
+            assert 0 <= measured.sd < inf
+    assert len(refusals) < 9_990  # the pieces do form quantities
+    assert all(len(line) < 300 and line.isprintable() for line in refusals)
+
+
+def test_any_unicode_is_refused_without_a_traceback_of_its_own():
+    rng = random.Random(2)
+    for _ in range(2_000):
+        top = rng.choice([0x2FF, 0xFFFF, 0x10FFFF])
+        text = "".join(chr(rng.randint(0, top)) for _ in range(rng.randint(2, 110)))
+        for junk in (text, "1 " + text):
+            with pytest.raises(InputError):
+                parse(junk, like="m")
+
+
+def test_importing_units_does_not_import_pint():
+    code = "import sys, inercal.units; sys.exit('pint' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
