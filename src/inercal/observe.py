@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 def vector(
-    sensor: Sensor, y: Array, c: Array, motion: Motion, df: Array, dw: Array
+    sensor: Sensor, y: Array, c: Array, motion: Motion, df: Array, dw: Array | None
 ) -> tuple[Array, Array]:
     """Return the residuals, (..., r·m), and ∂h/∂(c, q), (..., r·m, p + q).
 
@@ -29,15 +29,15 @@ def vector(
     motion : Motion
         Of each row, (..., r, 3).
     df, dw : (..., r, 3, q) arrays
-        Derivatives of specific force and rate to the nuisances.
+        Derivatives of specific force and rate to the nuisances; `dw` None is zero.
     """
-    residual = y - sensor.forward(motion, c)
-    slope = sensor.slope(motion, c)
-    through = slope[..., :3] @ df + slope[..., 3:] @ dw
-    design = sensor.design(motion, c)
-    shape = np.broadcast_shapes(design.shape[:-1], through.shape[:-1])
-    jacobian = np.concatenate(
-        [np.broadcast_to(part, (*shape, part.shape[-1])) for part in (design, through)], axis=-1
-    )
+    reading, design, slope = sensor.linearise(motion, c)
+    residual = y - reading
+    p, q = design.shape[-1], df.shape[-1]
+    jacobian = np.empty((*np.broadcast_shapes(design.shape[:-1], df.shape[:-1]), p + q))
+    jacobian[..., :p] = design
+    jacobian[..., p:] = slope[..., :3] @ df
+    if dw is not None:
+        jacobian[..., p:] += slope[..., 3:] @ dw
     flat = (*residual.shape[:-2], -1)
-    return residual.reshape(flat), jacobian.reshape(*shape[:-2], -1, jacobian.shape[-1])
+    return residual.reshape(flat), jacobian.reshape(*jacobian.shape[:-3], -1, p + q)

@@ -18,6 +18,10 @@ class Hold:
     up: Vector
     seconds: float
 
+    def in_words(self) -> str:
+        """Return what to do: "−z up"."""
+        return f"{direction(self.up)} up"
+
 
 @dataclass(frozen=True)
 class Turn:
@@ -31,8 +35,25 @@ class Turn:
     angle: float
     seconds: float
 
+    def in_words(self) -> str:
+        """Return what to do: "turn by +360° about +z"."""
+        return f"turn by {self.angle * 180 / pi:+.0f}° about {direction(self.axis)}"
+
 
 Step = Hold | Turn
+
+
+def direction(vector: Vector) -> str:
+    """Return a body direction in words: "+x", "−z", or its components.
+
+    >>> direction((0.0, 0.0, -1.0))
+    '−z'
+    """
+    for name, axis in AXES.items():
+        for sign, word in ((1, "+"), (-1, "−")):
+            if all(abs(a - sign * b) < 1e-9 for a, b in zip(vector, axis, strict=True)):
+                return word + name
+    return "(" + ", ".join(f"{a:+.3g}" for a in vector) + ")"
 
 
 def six_positions(seconds: float = 10.0) -> tuple[Hold, ...]:

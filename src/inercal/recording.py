@@ -241,7 +241,7 @@ class Observations:
         self._refuse((skew > 1e-9 * scale).any((-2, -1)), "has a covariance that is not symmetric")
         self._refuse(self.samples < 1, "has no samples")
 
-    def _refuse(self, bad: NDArray[np.bool_], what: str) -> None:
-        rows = np.flatnonzero(bad.reshape(-1, len(self.labels)).any(0))
+    def _refuse(self, bad: NDArray[np.bool_] | np.bool_, what: str) -> None:
+        rows = np.flatnonzero(np.reshape(bad, (-1, len(self.labels))).any(0))
         if rows.size:
             raise InputError(f"observations: {self.labels[rows[0]]} (row {rows[0] + 1}) {what}")

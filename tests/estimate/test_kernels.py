@@ -17,7 +17,7 @@ def case(trials: int, m: int, k: int, seed: int = 0):
 # 1, a part of a block, exactly one, one and a bit
 @pytest.mark.parametrize("trials", [1, 5, 32, 33, 70])
 @pytest.mark.parametrize("damped", [False, True])
-def test_solve_agrees_with_dense_algebra(trials, damped):
+def test_solve_agrees_with_dense_algebra(trials: int, damped: bool):
     rows, weight, u, prior_rows, v = case(trials, 12, 7)
     damping = np.full(trials, 0.1 if damped else 0.0)
     prior, pull = prior_rows.T @ prior_rows, v @ prior_rows
@@ -36,7 +36,7 @@ def test_solve_agrees_with_dense_algebra(trials, damped):
 
 
 @pytest.mark.parametrize("trials", [1, 32, 70])
-def test_inverse_agrees_with_dense_algebra(trials):
+def test_inverse_agrees_with_dense_algebra(trials: int):
     rows, weight, _, prior_rows, _ = case(trials, 12, 7)
     inverse, ok = _kernels.inverse(rows, weight, prior_rows.T @ prior_rows, 32)
     assert ok.all()
@@ -49,7 +49,7 @@ def test_inverse_agrees_with_dense_algebra(trials):
 
 
 def test_a_singular_trial_is_marked_and_spoils_no_other():
-    rows, weight, u, _, v = case(40, 12, 7)
+    rows, weight, u, _, _ = case(40, 12, 7)
     rows[17, :, 3] = rows[17, :, 2]
     rows[30, :, 5] = 0.0
     none = np.zeros((7, 7))
@@ -61,7 +61,7 @@ def test_a_singular_trial_is_marked_and_spoils_no_other():
 
 
 @pytest.mark.parametrize("damped", [False, True])
-def test_one_by_one_and_together_give_the_same_step(damped):
+def test_one_by_one_and_together_give_the_same_step(damped: bool):
     rows, weight, u, prior_rows, v = case(20, 12, 7)
     damping = np.full(20, 0.1 if damped else 0.0)
     together = steps.solve(rows, weight, u, prior_rows, v, damping)

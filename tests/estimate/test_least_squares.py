@@ -1,3 +1,4 @@
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -13,10 +14,11 @@ Array = NDArray[np.float64]
 NAMES = ("a", "b", "c", "d")
 T = np.linspace(0, 3, 12)
 TRUTH = np.array([2.0, 1.3, 0.5, 0.7])
+NOISE = np.full(12, 0.01)
 
 
 def model(x: Array) -> tuple[Array, Array]:
-    """A decaying oscillation: a exp(−b t) + c sin(d t)."""
+    """Return a exp(−b t) + c sin(d t) and its derivatives."""
     a, b, c, d = (x[..., i, None] for i in range(4))
     e, angle = np.exp(-b * T), d * T
     s, q = np.sin(angle), np.cos(angle)
@@ -24,14 +26,19 @@ def model(x: Array) -> tuple[Array, Array]:
     return a * e + c * s, np.stack([e, -a * t * e, s, c * t * q], axis=-1)
 
 
-def problem(y: Array, start: Array = TRUTH * 1.2, noise=0.01, **more) -> Problem:
+def problem(
+    y: Array,
+    start: Array = TRUTH * 1.2,
+    noise: Array | Callable[[Array], Array] = NOISE,
+    priors: tuple[Gaussian, ...] = (),
+    gauges: tuple[Gauge, ...] = (),
+) -> Problem:
     def linearise(x: Array) -> tuple[Array, Array]:
         h, jacobian = model(x)
         return y - h, jacobian
 
     start = np.broadcast_to(start, (*y.shape[:-1], 4))
-    noise = np.full(12, noise) if isinstance(noise, float) else noise
-    return Problem(NAMES, start, linearise, noise, np.ones(4), **more)
+    return Problem(NAMES, start, linearise, noise, np.ones(4), priors, gauges)
 
 
 def data(trials: int | None = None, seed: int = 1) -> Array:
@@ -55,7 +62,7 @@ def test_scipy_finds_the_same_minimum_and_covariance():
 
 
 @pytest.mark.parametrize("trials", [5, 50])
-def test_trials_together_equal_trials_alone(trials):
+def test_trials_together_equal_trials_alone(trials: int):
     y = data(trials)
     prior = Gaussian.independent(("d",), 0.7, 0.05)
     together = least_squares(problem(y, priors=(prior,)))
@@ -130,7 +137,7 @@ def test_a_prior_is_a_pseudo_observation():
 
 
 @pytest.mark.parametrize("trials", [None, 20])
-def test_correlated_noise_is_decorrelated(trials):
+def test_correlated_noise_is_decorrelated(trials: int | None):
     y = data(trials)
     sd, rho = 0.01, 0.8
     noise = sd**2 * rho ** np.abs(np.subtract.outer(np.arange(12), np.arange(12)))
@@ -148,7 +155,7 @@ def test_correlated_noise_is_decorrelated(trials):
 
 
 @pytest.mark.parametrize("trials", [None, 20])
-def test_noise_that_depends_on_the_parameters_is_a_fixed_point(trials):
+def test_noise_that_depends_on_the_parameters_is_a_fixed_point(trials: int | None):
     y = data(trials)
     estimate = least_squares(problem(y, noise=lambda x: 0.01 * (1 + model(x)[0] ** 2)))
     assert np.all(estimate.converged)
@@ -161,7 +168,7 @@ def test_noise_that_depends_on_the_parameters_is_a_fixed_point(trials):
 
 
 @pytest.mark.parametrize("trials", [None, 20])
-def test_a_gauge_is_exact_and_equals_elimination(trials):
+def test_a_gauge_is_exact_and_equals_elimination(trials: int | None):
     y = data(trials)
     gauge = Gauge("a is twice c plus one", ("a", "c"), np.array([[1.0, -2.0]]), np.array([1.0]))
     estimate = least_squares(problem(y, gauges=(gauge,)))
@@ -204,7 +211,7 @@ def test_units_do_not_matter():
 
 
 @pytest.mark.parametrize("trials", [None, 20])
-def test_a_model_that_overflows_on_the_way_is_survived(trials):
+def test_a_model_that_overflows_on_the_way_is_survived(trials: int | None):
     t = np.linspace(0, 40, 5)
     y = np.exp(0.5 * t)
     seen = []

@@ -1,5 +1,7 @@
 """Linear regression against certified values: NIST StRD and the GUM's thermometer (H.3)."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -8,6 +10,7 @@ from numpy.typing import NDArray
 from inercal.estimate import Estimate, Problem, least_squares, linear
 
 Array = NDArray[np.float64]
+Solver = Callable[[Problem], Estimate]
 
 # fmt: off
 LONGLEY = np.array([  # y, x1 … x6
@@ -42,7 +45,8 @@ NORRIS_Y = [
     778.9, 10.2, 117.6, 228.9, 668.4, 449.2, 0.2,
 ]
 NORRIS_X = [
-    0.2, 337.4, 118.2, 884.6, 10.1, 226.5, 666.3, 996.3, 448.6, 777.0, 558.2, 0.4, 0.6, 775.5, 666.9,
+    0.2,
+    337.4, 118.2, 884.6, 10.1, 226.5, 666.3, 996.3, 448.6, 777.0, 558.2, 0.4, 0.6, 775.5, 666.9,
     338.0, 447.5, 11.6, 556.0, 228.1, 995.8, 887.6, 120.2, 0.3, 0.3, 556.8, 339.1, 887.2, 999.0,
     779.0, 11.1, 118.3, 229.2, 669.1, 448.9, 0.5,
 ]
@@ -62,7 +66,7 @@ def problem(design: Array, y: Array, trials: int | None = None) -> Problem:
 
 
 def scaled_sd(estimate: Estimate) -> Array:
-    """Standard deviations by the residuals, as the sources state them."""
+    """Return standard deviations by the residuals, as the sources state them."""
     return np.sqrt(np.diagonal(estimate.covariance, axis1=-2, axis2=-1)) * np.sqrt(
         np.asarray(estimate.chi2 / estimate.dof)[..., None]
     )
@@ -70,7 +74,7 @@ def scaled_sd(estimate: Estimate) -> Array:
 
 @pytest.mark.parametrize("solver", [linear, least_squares])
 @pytest.mark.parametrize(("trials", "digits"), [(None, 1e-10), (20, 1e-9)])
-def test_longley_is_certified(solver, trials, digits):
+def test_longley_is_certified(solver: Solver, trials: int | None, digits: float):
     design = np.column_stack([np.ones(16), LONGLEY[:, 1:]])
     estimate = solver(problem(design, LONGLEY[:, 0], trials))
     assert np.all(estimate.converged)
@@ -83,7 +87,7 @@ def test_longley_is_certified(solver, trials, digits):
 
 
 @pytest.mark.parametrize("solver", [linear, least_squares])
-def test_norris_is_certified(solver):
+def test_norris_is_certified(solver: Solver):
     design = np.column_stack([np.ones(36), NORRIS_X])
     estimate = solver(problem(design, np.array(NORRIS_Y)))
     assert_allclose(estimate.value, [-0.262323073774029, 1.00211681802045], rtol=1e-12)
@@ -93,11 +97,11 @@ def test_norris_is_certified(solver):
 
 @pytest.mark.parametrize("base", [1.0, 0.1], ids=["Wampler1", "Wampler2"])
 @pytest.mark.parametrize("trials", [None, 20])
-def test_wampler_is_certified(base, trials):
+def test_wampler_is_certified(base: float, trials: int | None):
     x = np.arange(21.0)
     design = x[:, None] ** np.arange(6)
     coefficients = base ** np.arange(6)
-    y = np.polynomial.polynomial.polyval(x, coefficients)
+    y = design @ coefficients
     estimate = linear(problem(design, y, trials))
     # Certified are the coefficients themselves, with no residual.
     np.testing.assert_allclose(
@@ -124,7 +128,7 @@ def test_thermometer_of_gum_h3():
 
 
 def test_a_curved_model_is_not_called_linear():
-    def linearise(x):
+    def linearise(x: Array) -> tuple[Array, Array]:
         return np.array([2.0, 3.0]) - x**2, np.diag(2 * x)
 
     start = np.array([1.0, 1.0])

@@ -211,3 +211,18 @@ def test_readout_converts_both_ways():
     sensor = triad(readout=Readout(scale=208.0, offset=-3.0, unit="LSB"), noise=Noise())
     raw = rng.integers(-2000, 2000, (5, 3)).astype(float)
     assert_allclose(sensor.to_output(sensor.to_si(raw)), raw, rtol=1e-14, atol=1e-10)
+
+
+def test_inverse_across_the_gap_of_a_bias_asymmetry():
+    sensor = triad().with_coefficients("k0_prime", "k1", "koq")
+    c = np.abs(coefficients(sensor))  # a negative one folds back: two motions give one reading
+    f = rng.normal(size=(200, 3)) * G0
+    assert_allclose(inverse(sensor, sensor.forward(Motion(f), c), c).f, f, atol=1e-10)
+    # A reading of 0 lies in the gap between −k0′/2 and +k0′/2: the nearest motion is none.
+    positive = np.array([0.01 * G0, 0, 0] * 3)
+    readings = np.array([[0.0, 0.004 * G0, 1.0]])
+    assert_allclose(
+        inverse(triad().with_coefficients("k0_prime"), readings, positive[::3]).f,
+        [[0.0, 0.0, 1.0 - 0.005 * G0]],
+        atol=1e-12,
+    )

@@ -13,6 +13,7 @@ in a calibration. Ω is earth's rate, φ latitude, T the turn's duration by the 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from math import cos, pi, sin, sqrt
 
 import numpy as np
@@ -108,7 +109,8 @@ class Hand:
         return found
 
 
-def across(up: Sequence[float]) -> Array:
+@cache
+def across(up: tuple[float, float, float]) -> Array:
     """Return d₁, d₂, (2, 3): unit vectors with d₁ × d₂ = up (a unit vector)."""
     vertical = np.asarray(up, dtype=float)
     helper = np.eye(3)[np.argmin(np.abs(vertical))]
@@ -117,7 +119,7 @@ def across(up: Sequence[float]) -> Array:
     return np.stack([first, np.cross(vertical, first)])
 
 
-def tilted(up: Sequence[float], t: Array) -> tuple[Array, Array]:
+def tilted(up: tuple[float, float, float], t: Array) -> tuple[Array, Array]:
     """Return u, (..., 3), for tangents t, (..., 2), and du/dt, (..., 3, 2)."""
     d = across(up)
     norm = np.sqrt(1 + (t**2).sum(-1))[..., None]

@@ -164,8 +164,8 @@ class Calibration:
         slope = self.sensor.slope(rest, self.values)[0][:, columns]
         offset = self.sensor.to_output(self.sensor.forward(rest, self.values))[0]
         scale = np.array([axis.readout.scale for axis in self.sensor.axes])
-        matrix: Array = np.linalg.pinv(slope) / scale
-        return matrix, offset
+        matrix = np.asarray(np.linalg.pinv(slope), dtype=np.float64)
+        return matrix / scale, offset
 
     def ieee1293(self) -> Converted:
         """Return E = K₁ (K₀ + a + K₂ a² + …) of each accelerometer axis, with covariance."""

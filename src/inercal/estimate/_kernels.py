@@ -18,7 +18,7 @@ Bools = NDArray[np.bool_]
 LANES = 32
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _factor(
     rows: Array,
     weight: Array,
@@ -38,22 +38,26 @@ def _factor(
     `good` (lanes,) says which matrices were positive definite.
     """
     k, lanes = d.shape
-    row, s, busy = np.empty((k, lanes)), np.empty(lanes), np.empty(k, np.int64)
+    row, s = np.empty((k, lanes)), np.empty(lanes)
+    size, busy = np.empty(k), np.empty(k, np.int64)
     last = rows.shape[0] - 1  # the spare lanes of the last block repeat the last trial
     for i in range(k):
         for j in range(i + 1):
             a[i, j] = prior[i, j]
         b[i] = 0.0
     for n in range(rows.shape[1]):
+        size[:] = 0.0
         for lane in range(lanes):
             t = min(first + lane, last)
             one, w, s[lane] = rows[t, n], weight[t, n], u[t, n]
             for i in range(k):
-                row[i, lane] = w * one[i]
+                z = w * one[i]
+                row[i, lane] = z
+                size[i] += abs(z)
         # Most columns of a row are zero in all trials: an observation sees few parameters.
         count = 0
         for i in range(k):
-            if np.any(row[i]):
+            if size[i] > 0.0:
                 busy[count] = i
                 count += 1
         for m in range(count):
@@ -91,7 +95,7 @@ def _factor(
                     left[j, lane] = 1.0 / np.sqrt(s[lane])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def solve(
     rows: Array, weight: Array, u: Array, prior: Array, pull: Array, damping: Array, lanes: int
 ) -> tuple[Array, Array, Bools]:
@@ -157,7 +161,7 @@ def solve(
     return step, predicted, ok
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def inverse(rows: Array, weight: Array, prior: Array, lanes: int) -> tuple[Array, Bools]:
     """Return (AᵀA + P)⁻¹ (trials, k, k), and where it exists (trials,); arguments as in `solve`."""
     trials, k = rows.shape[0], rows.shape[2]

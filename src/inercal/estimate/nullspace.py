@@ -141,7 +141,9 @@ def _named(problem: Problem, x: Array, null: Array) -> list[NullDirection]:
 
 
 def _echelon(rows: Array) -> Array:
-    """Return the reduced row echelon form of independent rows, each with largest pivot one."""
+    """Return the reduced row echelon form of independent rows, the largest weight of each one."""
+    if not len(rows):
+        return rows
     rows = rows.copy()
     for i in range(len(rows)):
         # Among equals the first parameter is the pivot, so that rounding does not choose.
@@ -152,10 +154,10 @@ def _echelon(rows: Array) -> Array:
         rows[i] /= rows[i, column]
         others = np.arange(len(rows)) != i
         rows[others] -= rows[others, column : column + 1] * rows[i]
-    if len(rows):
-        largest = np.argmax(np.abs(rows), axis=1)
-        rows /= rows[np.arange(len(rows)), largest, None]
-    return np.where(np.abs(rows) > 1e-6, rows, 0.0)
+    largest = np.argmax(np.abs(rows), axis=1)
+    rows /= rows[np.arange(len(rows)), largest, None]
+    rows = np.where(np.abs(rows) > 1e-6, rows, 0.0)
+    return rows[np.argsort([np.flatnonzero(row)[0] for row in rows], kind="stable")]
 
 
 def _direction(names: Sequence[str], weights: Array) -> NullDirection:

@@ -128,10 +128,11 @@ def order(recording: Recording, where: Where) -> _Checked:
     labels = recording.labels
     if labels is not None and (labels[back] != labels[back + 1]).all():
         start = np.concatenate([[0], np.flatnonzero(labels[1:] != labels[:-1]) + 1])
-        sections = np.split(np.arange(labels.size), start[1:])
-        keep = np.concatenate([sections[k] for k in np.argsort(recording.time[start])])
+        place = np.argsort(np.argsort(recording.time[start]))  # of each section, in time
+        length = np.diff(start, append=labels.size)
+        keep = np.argsort(np.repeat(place, length), kind="stable")
         if (np.diff(recording.time[keep]) >= 0).all():
-            text = f"{len(sections)} labelled sections were not stored in the order of time: sorted"
+            text = f"{start.size} labelled sections were not stored in the order of time: sorted"
             return _Checked([Finding("note", "order", text)], keep)
     worst = int(back[0])
     others = f", and at {back.size - 1} more places" if back.size > 1 else ""

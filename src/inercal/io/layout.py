@@ -74,9 +74,9 @@ def sniff(path: Path) -> Layout:
     Raises
     ------
     InputError
-        No line of data.
+        No line of data, or a first one with more or fewer columns than the header.
     """
-    heading, rows = _first_lines(path)
+    heading, rows, title = _first_lines(path)
     sample = rows[min(1, len(rows) - 1)][1]
     delimiter = next((d for d in (";", "\t", ",") if d in sample), None)
     table = [split(text, delimiter) for _, text in rows]
@@ -89,7 +89,12 @@ def sniff(path: Path) -> Layout:
     if headed and len(rows) == 1:
         raise InputError(f"{path.name} has a header in line {rows[0][0]} and no data below it")
     first_line, first = rows[int(headed)][0], table[int(headed)]
-    names = table[0] if headed else _names_in_comment(heading, delimiter, len(first))
+    names = split(title, delimiter) if headed else _names_in_comment(heading, delimiter, len(first))
+    if headed and len(names) != len(first):
+        raise InputError(
+            f"{path.name} line {first_line}: {columns(len(first))} where the header has "
+            f"{len(names)}; separate the names as the numbers are, one name for each column"
+        )
     return Layout(
         # pandas leaves the name of an index column empty.
         names=tuple(name or str(k) for k, name in enumerate(names or [""] * len(first), 1)),
@@ -98,7 +103,7 @@ def sniff(path: Path) -> Layout:
         first_line=first_line,
         delimiter=delimiter,
         decimal_comma=decimal_comma,
-        comment=heading[-1][0] if heading else "#",
+        comment=_comment(heading),
         words=frozenset(
             k
             for k, (c, number) in enumerate(zip(first, marks(first), strict=True))
@@ -117,24 +122,32 @@ def _is_header(first: list[str], numbers: list[bool], numbers_below: list[bool])
     return word_over_number or not any(numbers)
 
 
-def _first_lines(path: Path) -> tuple[list[str], list[tuple[int, str]]]:
-    """Return the comments above the data, and the first lines that hold something."""
+def _first_lines(path: Path) -> tuple[list[str], list[tuple[int, str]], str]:
+    """Return the comments above the data, the first lines below, and their first as it stands.
+
+    The lines are freed of comments; a header may well hold a #.
+    """
     heading: list[str] = []
     rows: list[tuple[int, str]] = []
     with path.open(encoding="utf-8-sig") as file:
         lines = ((number, line.strip("\r\n ")) for number, line in enumerate(file, 1))
         content = ((number, line) for number, line in lines if line.strip())
-        for number, line in content:
-            if line[0] not in COMMENTS:
-                rows.append((number, line))
+        title = ""
+        for number, title in content:
+            if title[0] not in COMMENTS:
+                rows.append((number, title.partition(_comment(heading))[0]))
                 break
-            heading.append(line)
-        comment = heading[-1][0] if heading else "#"
+            heading.append(title)
+        comment = _comment(heading)
         data = ((k, line.partition(comment)[0]) for k, line in content if line[0] not in COMMENTS)
         rows.extend(islice(data, _LOOKED_AT))
     if not rows:
         raise InputError(f"{path.name} has comments only and no data")
-    return heading, rows
+    return heading, rows, title
+
+
+def _comment(heading: list[str]) -> str:
+    return heading[-1][0] if heading else "#"
 
 
 def split(text: str, delimiter: str | None) -> list[str]:
@@ -147,6 +160,11 @@ def split(text: str, delimiter: str | None) -> list[str]:
         return [cell.strip() for cell in next(csv.reader([text], delimiter=delimiter))]
     except csv.Error:  # an entry above 128 kB
         return text.split(delimiter)
+
+
+def columns(count: int) -> str:
+    """Return a number of columns in words."""
+    return f"{count} column" + ("s" if count != 1 else "")
 
 
 def is_number(text: str) -> bool:

@@ -71,12 +71,12 @@ def _arrays(
 
 def _array(archive: Any, name: str, source: str) -> NDArray[Any]:
     try:
-        array = archive[name]
+        array: NDArray[Any] | bytes = archive[name]
     except ValueError as error:  # what NumPy raises for pickled objects and for broken headers
         raise InputError(
             f"{source}: array {name!r} is damaged or holds objects; save plain numbers"
         ) from error
-    if not isinstance(array, np.ndarray):
+    if isinstance(array, bytes):  # how NumPy hands out members that are no arrays
         raise InputError(f"{source}: {name!r} is no array; is it a workbook? Save it as CSV")
     return array
 

@@ -1,6 +1,7 @@
 """Parquet files, through pyarrow."""
 
 from collections.abc import Collection
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -8,8 +9,6 @@ import numpy as np
 
 from inercal.errors import InputError
 from inercal.io.table import Column, Table, as_labels, sha256_of, shortened, wanted_columns
-
-_MISSING = "Parquet files need pyarrow: pip install 'inercal[io]'"
 
 
 def read_parquet(
@@ -29,11 +28,7 @@ def read_parquet(
     InputError
         pyarrow is not installed, the file is damaged, or a column is neither numbers nor text.
     """
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError as error:
-        raise InputError(_MISSING) from error
+    pyarrow = _pyarrow()
     try:
         with pyarrow.parquet.ParquetFile(path) as file:
             names = tuple(str(name) for name in file.schema_arrow.names)
@@ -55,28 +50,32 @@ def write_parquet(path: Path, columns: dict[str, Column]) -> None:
     InputError
         pyarrow is not installed.
     """
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError as error:
-        raise InputError(_MISSING) from error
+    pyarrow = _pyarrow()
     # Text goes over as a list: pyarrow does not take NumPy's fixed-width strings.
     arrays = {k: c.tolist() if c.dtype.kind == "U" else c for k, c in columns.items()}
     pyarrow.parquet.write_table(pyarrow.table(arrays), path)
 
 
+def _pyarrow() -> Any:
+    """Return the package: imported only where a Parquet file is met, since it is an extra."""
+    try:
+        import_module("pyarrow.parquet")
+        return import_module("pyarrow")
+    except ImportError as error:
+        raise InputError("Parquet files need pyarrow: pip install 'inercal[io]'") from error
+
+
 def _column(values: Any, name: str, as_text: bool, source: str) -> Column:
     """Return one pyarrow column as an array (n,)."""
-    import pyarrow
-
+    types = _pyarrow().types
     kind = values.type
-    if pyarrow.types.is_dictionary(kind):  # how pandas writes categories
+    if types.is_dictionary(kind):  # how pandas writes categories
         values, kind = values.cast(kind.value_type), kind.value_type
-    if pyarrow.types.is_string(kind) or pyarrow.types.is_large_string(kind):
+    if types.is_string(kind) or types.is_large_string(kind):
         return as_labels([value or "" for value in values.to_pylist()], name, source)
-    integer = pyarrow.types.is_integer(kind) or pyarrow.types.is_boolean(kind)
+    integer = types.is_integer(kind) or types.is_boolean(kind)
     if as_text and integer:
         return as_labels([str(value) for value in values.to_pylist()], name, source)
-    if not (integer or pyarrow.types.is_floating(kind)):
+    if not (integer or types.is_floating(kind)):
         raise InputError(f"{source}: column {name!r} of {kind} is neither numbers nor text")
     return np.ascontiguousarray(values.to_numpy(), dtype=np.float64)

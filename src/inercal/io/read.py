@@ -170,7 +170,9 @@ def read_recording(
 
 def _time(table: Table, columns: Columns, n: int) -> Array:
     """Return the time of each sample, (n,), s."""
-    counter = np.arange(n) if columns.time is None else table.numbers(columns.time)
+    counter = (
+        np.arange(n, dtype=np.float64) if columns.time is None else table.numbers(columns.time)
+    )
     if columns.rate_hz is not None:
         return counter / columns.rate_hz
     return counter * factor(columns.time_unit, like="s")

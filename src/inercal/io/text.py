@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.errors import InputError
-from inercal.io.layout import Layout, sniff
+from inercal.io.layout import Layout, columns, sniff
 from inercal.io.scan import scan
 from inercal.io.table import Column, Table, as_labels, shortened, wanted_columns
 
@@ -49,11 +49,11 @@ def read_text(
     )
     numbers = {k for k, name in enumerate(layout.names) if name in names} - words
     rows = _load(path, layout, numbers, words, last_line=found.lines)
-    columns: dict[str, Column] = {}
+    read: dict[str, Column] = {}
     for name in names:
         k = layout.names.index(name)
         column = rows[str(k)]
-        columns[name] = (
+        read[name] = (
             as_labels([cell.strip() for cell in column.tolist()], name, path.name)
             if k in words
             else np.ascontiguousarray(column)
@@ -61,7 +61,7 @@ def read_text(
     # Comments and blank lines amid the data put rows out of step with lines.
     in_step = layout.first_line + rows.size - 1 == found.lines
     first_line = layout.first_line if in_step else 0
-    return Table(layout.names, columns, path.name, found.sha256, first_line, layout.header)
+    return Table(layout.names, read, path.name, found.sha256, first_line, layout.header)
 
 
 def _load(
@@ -143,7 +143,7 @@ def _only_empty_cells(
             cells = layout.cells(line)
             if len(cells) != expected:
                 raise InputError(
-                    f"{path.name} line {number}: {_columns(len(cells))} where {layout.named_by} "
+                    f"{path.name} line {number}: {columns(len(cells))} where {layout.named_by} "
                     f"has {expected}; {_advice(layout, number, last_line, len(cells))}"
                 )
             for k in numbers:
@@ -157,13 +157,7 @@ def _only_empty_cells(
     return empty
 
 
-def _columns(count: int) -> str:
-    return f"{count} column" + ("s" if count != 1 else "")
-
-
 def _advice(layout: Layout, line: int, last_line: int, found: int) -> str:
-    if line == layout.first_line:
-        return "separate the names as the numbers are, one name for each column"
     if line == last_line and found < len(layout.names):
         return _LAST_LINE
     return "repair or remove the line"

@@ -15,7 +15,8 @@ from inercal.benches import Hand
 from inercal.benches.hand import felt
 from inercal.errors import NotObserved
 from inercal.estimate import Estimate, Gaussian, Problem, least_squares
-from inercal.methods.observed import require_observed, require_separated
+from inercal.methods.curvature import Curvature, of_tilts
+from inercal.methods.observed import not_observed, require_observed, require_separated
 from inercal.motion import Motion
 from inercal.observe import vector
 from inercal.plan import Step, Turn
@@ -55,20 +56,16 @@ def ml(
     by_label = {step.label: step for step in steps}
     done = [by_label[label] for label in observations.labels]
     missing = [step for step in steps if step.label not in observations.labels]
-    require_separated(sensor, done, missing, priors)
     try:
-        estimate = least_squares(problem(observations, sensor, bench, done, priors))
+        first = least_squares(problem(observations, sensor, bench, done, priors))
+        curvature = of_tilts(first, sensor, done, observations.duration)
+        whole = problem(observations, sensor, bench, done, priors, curvature)
+        estimate = first if curvature is None else least_squares(whole)
     except NotObserved as error:
-        raise NotObserved(f"{error}{in_words(missing)}", error.directions) from None
-    require_observed(estimate, sensor, in_words(missing))
+        raise not_observed(sensor, error.directions, missing) from None
+    require_observed(estimate, sensor, missing)
+    require_separated(sensor, done, missing, priors)
     return estimate
-
-
-def in_words(missing: Sequence[Step]) -> str:
-    """Return what would help, as the end of a sentence; empty when every step was carried out."""
-    if not missing:
-        return ""
-    return "; missing from the recording: " + ", ".join(step.label for step in missing)
 
 
 def problem(
@@ -77,8 +74,18 @@ def problem(
     bench: Hand,
     done: Sequence[Step],
     priors: Sequence[Gaussian] = (),
+    curvature: Curvature | None = None,
 ) -> Problem:
-    """Return the estimation problem; `done` are the steps of the rows, in their order."""
+    """Return the estimation problem; `done` are the steps of the rows, in their order.
+
+    `curvature` corrects the readings for the second order of the tilts, once that is known.
+    """
+    mean = observations.mean
+    if curvature is None:
+        noise = _noise(observations.covariance)
+    else:
+        mean = mean - curvature.shift
+        noise = _block_diagonal(observations.covariance) + curvature.covariance
     rates = any(axis.measures == "w" for axis in sensor.axes)
     declared = bench.nuisances(done, rates=rates)
     known = {name: np.array(p.value) for name, p in declared.items() if p.sd == 0}
@@ -86,10 +93,11 @@ def problem(
     forces = [f"force_{a}[{step.label}]" for step in done if isinstance(step, Turn) for a in "xyz"]
     names = (*sensor.coefficients, *loose, *forces)
     p = len(sensor.coefficients)
-    trials = observations.mean.shape[:-2]
+    turns = [k for k, step in enumerate(done) if isinstance(step, Turn)]
+    # Without turns all trials start from one point, which is then worked out once.
+    trials = observations.mean.shape[:-2] if turns else ()
     start = np.zeros((*trials, len(names)))
     start[..., p : p + len(loose)] = [parameter.value for parameter in loose.values()]
-    turns = [k for k, step in enumerate(done) if isinstance(step, Turn)]
     if turns:
         bare = Sensor(sensor.name, sensor.axes)
         start_force = inverse(bare, observations.mean[..., turns, :], np.zeros(0)).f
@@ -109,7 +117,8 @@ def problem(
                 for name, value in derivatives.items():
                     if name in position:
                         target[..., k, :, position[name]] = value
-        return vector(sensor, observations.mean, x[..., :p], Motion(f, w), df, dw)
+        motion = Motion(f, w) if rates else Motion(f)
+        return vector(sensor, mean, x[..., :p], motion, df, dw if rates else None)
 
     position = {name: k for k, name in enumerate(names[p:])}
     sizes = [_NATURAL[parameter.unit] for parameter in loose.values()]
@@ -122,7 +131,7 @@ def problem(
         names=names,
         start=start,
         linearise=linearise,
-        noise=_block_diagonal(observations.covariance),
+        noise=noise,
         scale=np.concatenate([sensor.natural, sizes, np.full(len(forces), G0)]),
         priors=(bench_prior, *priors) if loose else tuple(priors),
         wanted=sensor.coefficients,
@@ -130,10 +139,21 @@ def problem(
     )
 
 
+def _noise(blocks: Array) -> Array:
+    """Return the covariance of all readings, or without correlations their deviations, (..., r·m).
+
+    Standard deviations are quicker to work with.
+    """
+    variance = np.diagonal(blocks, axis1=-2, axis2=-1)
+    if np.count_nonzero(blocks) == np.count_nonzero(variance):
+        return np.sqrt(variance).reshape(*variance.shape[:-2], -1)
+    return _block_diagonal(blocks)
+
+
 def _block_diagonal(blocks: Array) -> Array:
     """Return (..., r·m, r·m) with the (..., r, m, m) blocks on its diagonal."""
     r, m = blocks.shape[-3:-1]
     full = np.zeros((*blocks.shape[:-3], r, m, r, m))
-    rows = np.arange(r)
-    full[..., rows, :, rows, :] = np.moveaxis(blocks, -3, 0)
+    for k in range(r):
+        full[..., k, :, k, :] = blocks[..., k, :, :]
     return full.reshape(*blocks.shape[:-3], r * m, r * m)

@@ -13,6 +13,7 @@ Two rules beyond the algebraic rank of the problem:
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from inercal.errors import NotObserved
 from inercal.estimate import Estimate, Gaussian
@@ -52,16 +53,14 @@ def require_separated(
                 f"{pair[0]} and {pair[1]} are not separated: no position with {sides} up"
             )
     if problems:
-        labels = ", ".join(step.label for step in missing)
         raise NotObserved(
-            "; ".join(problems)
-            + (f"; missing from the recording: {labels}" if labels else "")
-            + "; record them, or give a prior on one of the two",
+            f"not observed: {'; '.join(problems)}{in_words(missing)}; record what is missing, or "
+            "give a prior on one of the two",
             tuple(problems),
         )
 
 
-def require_observed(estimate: Estimate, sensor: Sensor, hint: str) -> None:
+def require_observed(estimate: Estimate, sensor: Sensor, missing: Sequence[Step]) -> None:
     """Refuse an estimate with a direction known no better than a tenth of its natural size.
 
     Raises
@@ -75,17 +74,39 @@ def require_observed(estimate: Estimate, sensor: Sensor, hint: str) -> None:
     weak = directions[:, variance > OBSERVED**2].T
     if not len(weak):
         return
-    words = tuple(_words(row, sensor.coefficients) for row in weak)
-    named = [
-        name
-        for name, share in zip(sensor.coefficients, (weak**2).sum(axis=0), strict=True)
-        if share > 0.1
-    ]
-    raise NotObserved(
-        f"not observed: {', '.join(named)} (directions: {'; '.join(words)}){hint}", words
+    raise not_observed(sensor, tuple(_words(row, sensor.coefficients) for row in weak), missing)
+
+
+def not_observed(sensor: Sensor, directions: Sequence[str], missing: Sequence[Step]) -> NotObserved:
+    """Return the refusal: the coefficients, the free directions in natural units, what would help.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    directions : sequence of str
+        Combinations of coefficients in units of g and rad/s, in words.
+    missing : sequence of Step
+        Steps of the plan without a section.
+    """
+    plain = tuple(words.partition(" (in units")[0] for words in directions)
+    touched = {word for words in plain for word in words.split()}
+    named = [name for name in sensor.coefficients if name in touched]
+    return NotObserved(
+        f"not observed: {', '.join(named)} (free directions, in units of g and rad/s: "
+        f"{'; '.join(plain)}){in_words(missing)}; record what is missing, choose fewer "
+        "coefficients, or give a prior",
+        plain,
     )
 
 
-def _words(direction: np.ndarray, names: Sequence[str]) -> str:
+def in_words(missing: Sequence[Step]) -> str:
+    """Return the steps that were not carried out, as part of a sentence; empty if none."""
+    if not missing:
+        return ""
+    texts = [f"{step.label} ({step.in_words()})" for step in missing]
+    return "; missing from the recording: " + ", ".join(texts)
+
+
+def _words(direction: NDArray[np.float64], names: Sequence[str]) -> str:
     large = np.flatnonzero(np.abs(direction) > 0.3 * np.abs(direction).max()).tolist()
     return " ".join(f"{direction[k]:+.2g} {names[k]}" for k in large)

@@ -10,7 +10,7 @@ from math import pi
 import numpy as np
 
 from inercal.errors import InputError
-from inercal.plan import Hold, Step
+from inercal.plan import Hold, Step, direction
 from inercal.recording import Finding, Observations
 from inercal.sensors import Sensor, inverse
 
@@ -54,7 +54,7 @@ def check_against_plan(
             f = felt.f[k]
             if f @ np.array(step.up) < _MEANT * np.linalg.norm(f):
                 raise InputError(
-                    f"section {step.label} should have {_direction(step.up)} up, but the "
+                    f"section {step.label} should have {direction(step.up)} up, but the "
                     f"accelerometers read {_list(f / gravity)} g: is the mark on another section, "
                     "or are columns swapped or reversed?"
                 )
@@ -69,7 +69,7 @@ def _check_turn(step: Step, angle: np.ndarray) -> list[Finding]:
     size = float(np.linalg.norm(angle))
     along = float(angle @ np.array(step.axis))
     degrees = 180 / pi
-    about = _direction(step.axis)
+    about = direction(step.axis)
     said = f"section {step.label} should turn {step.angle * degrees:+.0f}° about {about}"
     read = f"the gyros integrate to {_list(angle * degrees)}°"
     if abs(along) < _ALIGNED * size or not 0.5 < size / abs(step.angle) < 2:
@@ -86,14 +86,6 @@ def _check_turn(step: Step, angle: np.ndarray) -> list[Finding]:
         )
         return [Finding("warning", "direction", message)]
     return []
-
-
-def _direction(vector: Sequence[float]) -> str:
-    for axis, name in zip(np.eye(3), "xyz", strict=True):
-        for sign, word in ((1, "+"), (-1, "−")):
-            if np.allclose(np.array(vector), sign * axis):
-                return word + name
-    return _list(np.array(vector))
 
 
 def _list(vector: np.ndarray) -> str:

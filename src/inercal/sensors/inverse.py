@@ -69,7 +69,7 @@ def inverse(
     rates = np.broadcast_to(zero if dw is None else dw, shape)
     temperature = np.broadcast_to(np.asarray(dT, dtype=float), shape[:-1])
     if sensor.affine:
-        felt = across + _affine(sensor, y, c, across, rates) @ basis.T
+        felt = across + _affine(sensor, y, c, across) @ basis.T
     else:
         felt = np.empty((*y.shape[:-1], 6))
         for start in range(0, y.shape[-2], _CHUNK):
@@ -108,18 +108,18 @@ def _solve(slope: Array, right: Array) -> Array:
         transposed = np.swapaxes(slope, -1, -2)
         slope, right = transposed @ slope, (transposed @ right[..., None])[..., 0]
     try:
-        return np.linalg.solve(slope, right[..., None])[..., 0]
+        return np.linalg.solve(slope, right[..., None])[..., 0].astype(np.float64, copy=False)
     except np.linalg.LinAlgError:
         raise NotInvertible(_BLIND) from None
 
 
-def _affine(sensor: Sensor, y: Array, c: Array, across: Array, rates: Array) -> Array:
+def _affine(sensor: Sensor, y: Array, c: Array, across: Array) -> Array:
     basis = _seen_directions(sensor)
     slope = (sensor.slope(Motion(np.zeros((1, 3))), c) @ basis)[..., 0, :, :]
     if (np.linalg.matrix_rank(slope) < basis.shape[1]).any():
         raise NotInvertible(f"sensor {sensor.name}: {_BLIND}")
-    offset = sensor.forward(_motion(across, rates, 0.0), c)
-    back: Array = np.linalg.pinv(slope)
+    offset = sensor.forward(Motion(across[..., :3], across[..., 3:]), c)
+    back = np.asarray(np.linalg.pinv(slope), dtype=np.float64)
     return (y - offset) @ np.swapaxes(back, -1, -2)
 
 
@@ -139,6 +139,12 @@ def _newton(
         x, step = x + new, new
         if settled.all():
             break
+    # A bias asymmetry leaves a gap at zero: readings inside it come from no motion, and the steps
+    # hop from one side of it to the other. Zero, between them, is the nearest motion.
+    hopping = (
+        (np.abs(step) > 1e-12 * size) & (np.abs(step) <= _jump(sensor, c)) & (x * (x - step) < 0)
+    )
+    x, step = np.where(hopping, 0.0, x), np.where(hopping.any(-1, keepdims=True), 0.0, step)
     motion = _motion(across + x @ basis.T, rates, dT)
     slope = sensor.slope(motion, c) @ basis
     unsettled = (np.abs(step) > 1e-12 * size).any(axis=-1)
@@ -151,6 +157,12 @@ def _newton(
             f"{np.array2string(worst, precision=4)} SI: beyond the fold of its nonlinear terms"
         )
     return across + x @ basis.T
+
+
+def _jump(sensor: Sensor, c: Array) -> Array | float:
+    """Return a bound of the gap that bias asymmetries leave at zero, (..., 1, 1), SI."""
+    jumps = [c[..., k] for k, n in enumerate(sensor.coefficients) if n.endswith(".k0_prime")]
+    return 2 * np.abs(np.stack(jumps, -1)).max(-1)[..., None, None] if jumps else 0.0
 
 
 def _determinant(slope: Array) -> Array:

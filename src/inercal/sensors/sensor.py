@@ -111,6 +111,14 @@ class _Response(NamedTuple):
     to_felt: dict[str, Array]  # by component: fi … wo
 
 
+class Linearisation(NamedTuple):
+    """Readings and their derivatives; see `Sensor.linearise`."""
+
+    reading: Array  # (..., n, m)
+    design: Array  # (..., n, m, p)
+    slope: Array  # (..., n or 1, m, 6)
+
+
 @dataclass(frozen=True)
 class Sensor:
     """Named axes and the chosen coefficients; `coefficients` fixes the order of every vector.
@@ -190,10 +198,11 @@ class Sensor:
 
     @cached_property
     def affine(self) -> bool:
-        """Whether readings are affine in f and ω alone, whatever the values."""
+        """Whether readings are affine in f and ω, and depend on nothing else."""
         table = [c.basis for line in self._by_axis.values() for c in line]
-        linear = all(b.degree(*_FELT, "si", "swi", "dT") <= 1 for b in table)
-        return linear and (self.form == "reference" or self.coefficients == ())
+        linear = all(basis.degree(*_FELT) <= 1 for basis in table)
+        others = self.uses("si", "swi", "dT", "ai", "ap", "ao")
+        return linear and not others and (self.form == "reference" or self.coefficients == ())
 
     def uses(self, *components: str) -> bool:
         """Return whether any chosen coefficient acts on one of the components of the motion."""
@@ -217,24 +226,56 @@ class Sensor:
 
     def design(self, motion: Motion, c: Array) -> Array:
         """Return d(reading)/d(coefficient) at `c`, (..., n, m, p); exact."""
-        responses = [self._respond(axis, motion, c, derive=True) for axis in self.axes]
-        shape = np.broadcast_shapes(*(r.reading.shape for r in responses))
-        phi = np.zeros((*shape, len(self.axes), len(self.coefficients)))
-        for k, (axis, response) in enumerate(zip(self.axes, responses, strict=True)):
-            for short, column in response.to_coefficient.items():
-                phi[..., k, self.coefficients.index(f"{axis.name}.{short}")] = column
-        return phi
+        return self.linearise(motion, c).design
 
     def slope(self, motion: Motion, c: Array) -> Array:
-        """Return d(reading)/d(f, ω) at the motion, (..., n, m, 6), in the sensor's frame."""
+        """Return d(reading)/d(f, ω) at the motion, (..., n, m, 6), in the sensor's frame.
+
+        The axis of samples has length 1 where the slope is the same for all of them.
+        """
+        return self.linearise(motion, c).slope
+
+    def linearise(self, motion: Motion, c: Array) -> Linearisation:
+        """Return the reading, (..., n, m), with `design` and `slope`, in one pass."""
+        if self.affine:
+            return self._linearise_affine(motion, c)
         responses = [self._respond(axis, motion, c, derive=True) for axis in self.axes]
         shape = np.broadcast_shapes(*(r.reading.shape for r in responses))
+        reading = np.stack([np.broadcast_to(r.reading, shape) for r in responses], axis=-1)
+        design = np.zeros((*shape, len(self.axes), len(self.coefficients)))
         slope = np.zeros((*shape, len(self.axes), 6))
         for k, (axis, response) in enumerate(zip(self.axes, responses, strict=True)):
+            for short, column in response.to_coefficient.items():
+                design[..., k, self.coefficients.index(f"{axis.name}.{short}")] = column
             for name, column in response.to_felt.items():
                 block = slice(0, 3) if name[0] == "f" else slice(3, 6)
                 slope[..., k, block] += column[..., None] * axis.frame["ipo".index(name[1])]
-        return slope
+        return Linearisation(reading, design, slope)
+
+    def _linearise_affine(self, motion: Motion, c: Array) -> Linearisation:
+        """Do the same by two products of matrices: y = (A₀ + Σ c B) (f, ω, 1)."""
+        nominal, change = self._affine_maps
+        shape = np.broadcast_shapes(motion.f.shape, motion.w.shape)
+        felt = np.ones((*shape[:-1], 7))
+        felt[..., :3], felt[..., 3:6] = motion.f, motion.w
+        m, p = len(self.axes), len(self.coefficients)
+        whole = nominal + (c @ change.reshape(p, -1)).reshape(*c.shape[:-1], m, 7)
+        reading = felt @ np.swapaxes(whole, -1, -2)
+        design = felt @ np.moveaxis(change, -1, 0).swapaxes(-1, -2).reshape(7, m * p)
+        return Linearisation(
+            reading, design.reshape(*design.shape[:-1], m, p), whole[..., None, :, :6]
+        )
+
+    @cached_property
+    def _affine_maps(self) -> tuple[Array, Array]:
+        """A₀, (m, 7), and B, (p, m, 7), of an affine sensor."""
+        p = len(self.coefficients)
+        felt = np.concatenate([np.eye(6), np.zeros((1, 6))])
+        motion = Motion(felt[:, :3], felt[:, 3:])
+        at = np.stack([self.forward(motion, c) for c in (*np.eye(p), np.zeros(p))])
+        at[:, :6] -= at[:, 6:]
+        maps = np.swapaxes(at, -1, -2)
+        return maps[p], maps[:p] - maps[p]
 
     def _respond(self, axis: Axis, motion: Motion, c: Array, *, derive: bool) -> _Response:
         """Return one axis's reading and, on wish, its derivatives."""

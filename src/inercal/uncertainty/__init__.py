@@ -1,6 +1,17 @@
-"""Uncertainty: Type A evaluation and propagation."""
+"""Uncertainty: of means, of functions, of whole procedures, and how it is stated."""
 
-from inercal.uncertainty.propagation import propagate
-from inercal.uncertainty.type_a import MeanCovariance, pooled_mean_covariance
+from inercal.uncertainty.coverage import coverage_factor
+from inercal.uncertainty.monte_carlo import mean_with_error, monte_carlo, nees
+from inercal.uncertainty.propagation import jacobian, propagate
+from inercal.uncertainty.type_a import mean_covariance, pooled_mean_covariances
 
-__all__ = ["MeanCovariance", "pooled_mean_covariance", "propagate"]
+__all__ = [
+    "coverage_factor",
+    "jacobian",
+    "mean_covariance",
+    "mean_with_error",
+    "monte_carlo",
+    "nees",
+    "pooled_mean_covariances",
+    "propagate",
+]

@@ -1,4 +1,4 @@
-"""Propagation of uncertainty, first order: GUM (JCGM 100:2008) 5.2.2, with U_y = J U_x Jᵀ."""
+"""Propagation of uncertainty to first order, C_y = J C_x Jᵀ (GUM 5.2.2, equation 13; S2, 6.2)."""
 
 from collections.abc import Callable
 
@@ -6,29 +6,56 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-_STEP = np.finfo(float).eps ** (1 / 3)  # central differences: balances rounding and curvature
 
 
 def propagate(
     function: Callable[[Array], Array], x: Array, covariance: Array
 ) -> tuple[Array, Array]:
-    """Return y = function(x), (q,), and its covariance, (q, q).
+    """Return y = f(x) and its covariance.
 
     Parameters
     ----------
     function : callable
-        (p,) to (q,), smooth.
-    x : (p,) array
-    covariance : (p, p) array
-        Of x. Steps of the central differences follow the larger of |x| and the deviation.
+        (..., p) to (..., q).
+    x : (..., p) array
+        Values.
+    covariance : (..., p, p) array
+        Their covariance.
+
+    Returns
+    -------
+    value : (..., q) array
+        f(x).
+    covariance : (..., q, q) array
+        To first order.
     """
-    value = function(x)
-    size = np.maximum(np.abs(x), np.sqrt(np.diag(covariance)))
-    step = _STEP * np.where(size > 0, size, 1.0)
-    jacobian = np.empty((value.size, x.size))
-    for k, h in enumerate(step):
-        ahead, behind = x.copy(), x.copy()
-        ahead[k] += h
-        behind[k] -= h
-        jacobian[:, k] = (function(ahead) - function(behind)) / (ahead[k] - behind[k])
-    return value, jacobian @ covariance @ jacobian.T
+    sd = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
+    j = jacobian(function, x, 0.1 * sd)
+    return function(x), j @ covariance @ np.swapaxes(j, -1, -2)
+
+
+def jacobian(function: Callable[[Array], Array], x: Array, step: Array) -> Array:
+    """Return ∂f/∂x by central differences of fourth order, (..., q, p).
+
+    Parameters
+    ----------
+    function : callable
+        (..., p) to (..., q).
+    x : (..., p) array
+        Where.
+    step : (..., p) or (p,) array
+        Size of the steps: a part of the range over which f matters. A step too small beside x to
+        be told from rounding is enlarged.
+    """
+    # Rounding costs ε f / h and curvature h⁴ f⁗ / 30: at h = 1e-4 x both are below 1e-11.
+    step = np.broadcast_to(np.maximum(step, 1e-4 * np.abs(x)), x.shape)
+    # Where the value and its uncertainty are both zero, any step tells: that column is not used.
+    step = np.where(step > 0, step, 1e-4)
+    columns: list[Array] = []
+    for i in range(x.shape[-1]):
+        h = np.zeros_like(step)
+        h[..., i] = step[..., i]
+        near = function(x + h) - function(x - h)
+        far = function(x + 2 * h) - function(x - 2 * h)
+        columns.append((8 * near - far) / (12 * step[..., i, None]))
+    return np.stack(columns, axis=-1)

@@ -1,50 +1,91 @@
-"""Type A: the covariance of a mean of coloured noise, by non-overlapping batch means.
+"""Type A: the covariance of a mean whose samples are not independent.
 
-Samples of one section are cut into batches; the scatter of the batch means about the section's
-mean, times the batch length, estimates the noise density at zero frequency, which white and
-short-memory noise share over any section: covariance of a mean over n samples = density / n.
+Samples are cut into a batches of equal length and the scatter of the batch means is used in place
+of the scatter of the samples (non-overlapping batch means; Flegal and Jones 2010, Annals of
+Statistics 38, 1034–1070, equation 4; for independent samples it is GUM 4.2.3):
 
-Sources: GUM (JCGM 100:2008) 4.2 for the Type A evaluation; batch means: Schmeiser, Operations
-Research 30 (1982) 556–568; Flegal and Jones, Annals of Statistics 38 (2010) 1034–1070.
+    Ω = Σ bⱼ (ȳⱼ − ȳ)(ȳⱼ − ȳ)ᵀ / (a − 1),   cov ȳ = Ω / n,   a − 1 degrees of freedom
+
+It is honest when a batch is long beside the correlation of the noise. Few, long batches cost
+little: beyond some 10 to 30 the interval hardly gets shorter (Schmeiser 1982, Operations Research
+30, 556–568), so their number is fixed and their length grows with the data. Sections of the same
+noise pool their scatter: a fit that is weighted by a covariance of ν degrees of freedom in m
+channels has its χ² enlarged by about ν / (ν − m − 1), so ν should be many times m.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.errors import InputError
+
 Array = NDArray[np.float64]
-_BATCHES = 20  # a section; enough to judge scatter by, few enough that a batch outlasts memory
+
+BATCHES = 20
 
 
-class MeanCovariance(NamedTuple):
-    """Covariance of each section's mean, (..., r, m, m), and the degrees of freedom behind it."""
+def mean_covariance(samples: Array) -> tuple[Array, float]:
+    """Return the covariance of the mean of a section, and its degrees of freedom.
 
-    covariance: Array
-    dof: float
+    Parameters
+    ----------
+    samples : (..., n, m) array
+        n samples of m channels, evenly spaced in time.
+
+    Returns
+    -------
+    covariance : (..., m, m) array
+        Of the mean over the n samples.
+    dof : float
+        Degrees of freedom behind it.
+
+    Raises
+    ------
+    InputError
+        Too few samples for a covariance of m channels.
+    """
+    covariances, dof = pooled_mean_covariances([samples])
+    return covariances[0], dof
 
 
-def pooled_mean_covariance(sections: Sequence[Array], samples: NDArray[np.int64]) -> MeanCovariance:
-    """Return the covariance of means of sections that share one noise.
+def pooled_mean_covariances(sections: Sequence[Array]) -> tuple[list[Array], float]:
+    """Return the covariance of the mean of each of several sections of the same noise.
+
+    The sections share one Ω, so that short sections borrow from each other; each mean has its
+    share Ω / n.
 
     Parameters
     ----------
     sections : sequence of (..., n, m) arrays
-        Samples at rest, equally spaced; they may differ in n.
-    samples : (r,) array of int
-        Lengths of the sections whose means are wanted; these may be others than `sections`.
+        Sections of any lengths at one sampling rate; their means may differ, their noise may not.
+
+    Returns
+    -------
+    covariances : list of (..., m, m) arrays
+        One for each section.
+    dof : float
+        Degrees of freedom behind all of them.
+
+    Raises
+    ------
+    InputError
+        Too few samples for a covariance of m channels.
     """
-    total: Array | float = 0.0
-    dof = 0
+    m = sections[0].shape[-1]
+    total, dof = np.zeros((*sections[0].shape[:-2], m, m)), 0
     for section in sections:
-        n, m = section.shape[-2:]
-        count = min(_BATCHES, n)
-        length = n // count
-        batches = section[..., : count * length, :].reshape(*section.shape[:-2], count, length, m)
-        means = batches.mean(axis=-2)
-        scatter = means - means.mean(axis=-2, keepdims=True)
-        total = total + length * np.swapaxes(scatter, -1, -2) @ scatter
-        dof += count - 1
-    density = np.asarray(total) / dof
-    return MeanCovariance(density[..., None, :, :] / samples[:, None, None], float(dof))
+        n = section.shape[-2]
+        batches = min(max(BATCHES, m + 1), n)
+        edges = np.arange(batches) * n // batches
+        length = np.diff(edges, append=n)
+        means = np.add.reduceat(section, edges, axis=-2) / length[:, None]
+        off = (means - np.mean(section, axis=-2, keepdims=True)) * np.sqrt(length)[:, None]
+        total = total + np.swapaxes(off, -1, -2) @ off
+        dof += batches - 1
+    if dof < m:
+        raise InputError(
+            f"{sum(s.shape[-2] for s in sections)} samples in {len(sections)} sections leave {dof}"
+            f" degrees of freedom; a covariance of {m} channels needs at least {m}"
+        )
+    return [total / (dof * section.shape[-2]) for section in sections], float(dof)

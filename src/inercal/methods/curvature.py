@@ -1,0 +1,89 @@
+"""Second order of the tilts: what an unknown lean does beyond the first-order fit.
+
+A face leaning by t reads g (1 − |t|²/2) along its normal, and misalignments m pick up m·t. The fit
+knows t and the coefficients c only to within their covariance P; the terms of second order in the
+errors τ of t and δ of c are, for reading i in row r::
+
+    Q_i = Σ_k η_ik τ_rk,   η_ik = ½ (∂²h_i/∂t²) τ_rk + (∂²h_i/∂c ∂t_k)·δ
+
+Their means correct the readings and their covariance joins the noise; for Gaussian errors
+
+    E[Q_i] = Σ_k cov(η_ik, τ_rk)
+    cov(Q_i, Q_j) = Σ_kl cov(η_ik, η_jl) cov(τ_rk, τ_sl) + cov(η_ik, τ_sl) cov(η_jl, τ_rk)
+
+(GUM, JCGM 100:2008, note to 5.1.2; moments by Isserlis' theorem). At half a degree this is 38 ppm of
+scale factor, with an uncertainty as large: more than the noise of a good MEMS accelerometer. The
+axis of a turn leans in the same way.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches.hand import felt
+from inercal.estimate import Estimate
+from inercal.motion import Motion
+from inercal.plan import Hold, Step
+from inercal.sensors import Sensor
+
+Array = NDArray[np.float64]
+
+
+class Curvature(NamedTuple):
+    """Second-order part of the mean readings, (..., r, m), and its covariance, (..., rm, rm)."""
+
+    shift: Array
+    covariance: Array
+
+
+def of_tilts(
+    estimate: Estimate, sensor: Sensor, done: Sequence[Step], durations: Array
+) -> Curvature | None:
+    """Return the second-order effect at a first-order estimate; None where no tilt is loose.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Of the coefficients and the bench's nuisances.
+    sensor : Sensor
+        Affine in f and ω.
+    done : sequence of r Step
+    durations : (r,) array
+        s.
+    """
+    p, r, m = len(sensor.coefficients), len(done), len(sensor.axes)
+    names = [
+        [f"{'tilt' if isinstance(step, Hold) else 'axis'}{k}[{step.label}]" for k in (1, 2)]
+        for step in done
+    ]
+    if not all(name in estimate.names for pair in names for name in pair):
+        return None
+    c, lead = estimate.value[..., :p], estimate.value.shape[:-1]
+    q = {name: estimate.value[..., k] for k, name in enumerate(estimate.names)}
+    index = np.array([[estimate.names.index(name) for name in pair] for pair in names])
+    slope = sensor.slope(Motion(np.zeros((1, 3))), c)[..., 0, :, :]
+    still = sensor.design(Motion(np.zeros((1, 3))), c)
+    # Rows of η as combinations of the parameters' errors: (..., r, m, 2, parameters).
+    eta = np.zeros((*lead, r, m, 2, len(estimate.names)))
+    for n, (step, seconds) in enumerate(zip(done, durations, strict=True)):
+        row = felt(step, float(seconds), q)
+        # The second derivative to a tangent is minus the vector that leans.
+        leans, part = (row.f, slope[..., :3]) if isinstance(step, Hold) else (row.w, slope[..., 3:])
+        bends = -(part @ leans[..., None])[..., 0]
+        for k, name in enumerate(names[n]):
+            eta[..., n, :, k, index[n, k]] = 0.5 * bends
+            to_f, to_w = (d.get(name, np.zeros(3)) for d in (row.df, row.dw))
+            mixed = sensor.design(Motion(to_f[..., None, :], to_w[..., None, :]), c) - still
+            eta[..., n, :, k, :p] = mixed[..., 0, :, :]
+    spread = estimate.covariance
+    tau = index.ravel()
+    flat = eta.reshape(*lead, r * m * 2, -1)
+    eta_tau = (flat @ spread[..., tau]).reshape(*lead, r, m, 2, r, 2)
+    eta_eta = (flat @ spread @ np.swapaxes(flat, -1, -2)).reshape(*lead, r, m, 2, r, m, 2)
+    tau_tau = spread[..., tau, :][..., tau].reshape(*lead, r, 2, r, 2)
+    shift = np.einsum("...rakrk->...ra", eta_tau)
+    covariance = np.einsum("...rakjbl,...rkjl->...rajb", eta_eta, tau_tau)
+    covariance += np.einsum("...rakjl,...jblrk->...rajb", eta_tau, eta_tau)
+    return Curvature(shift, covariance.reshape(*lead, r * m, r * m))

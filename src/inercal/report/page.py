@@ -1,0 +1,151 @@
+"""The page of a report: what each of its sections says, and the template that holds them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from math import degrees
+from pathlib import Path
+
+from jinja2 import Environment, StrictUndefined
+from markupsafe import Markup
+
+from inercal.pipeline import Outcome
+from inercal.plan import Hold
+from inercal.report import tables
+from inercal.report.figures import correlations, departures, residuals
+from inercal.report.sphere import Attitude, attitudes, missing_faces, sphere
+from inercal.report.traces import traces
+
+_DOUBTFUL = 2.0  # Birge ratio: more than this, and the stated noise or model is not to be believed
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """The verdict box: its colour ("good", "care" or "bad"), a word, and the lines."""
+
+    tone: str
+    word: str
+    lines: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Section:
+    """One position or turn of the table of attitudes."""
+
+    label: str
+    what: str
+    off: str
+    seconds: str
+    samples: str
+
+
+def page(outcome: Outcome, truth: Mapping[str, float] | None) -> str:
+    """Return the whole page, HTML.
+
+    Parameters
+    ----------
+    outcome : Outcome
+    truth : mapping of str to float or None
+        Of a simulation, SI.
+    """
+    folder = files("inercal.report")
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    template = environment.from_string((folder / "page.html").read_text(encoding="utf-8"))
+    estimate, calibration = outcome.estimate, outcome.calibration
+    found = attitudes(outcome)
+    grids, pulls = tables.bench(outcome)
+    recording = outcome.recording
+    chosen = calibration.sensor.coefficients
+    return template.render(
+        css=Markup((folder / "page.css").read_text(encoding="utf-8")),
+        calibration=calibration,
+        sensor=calibration.sensor,
+        estimate=estimate,
+        outcome=outcome,
+        date=calibration.provenance.get("created", "").partition("T")[0],
+        judgement=judge(outcome),
+        facts=facts(outcome),
+        groups=tables.coefficients(outcome, truth),
+        simulated=truth is not None,
+        tested=estimate.dof > 0,
+        bench_counted=bool(pulls),
+        matrix=tables.matrix(outcome),
+        calibration_file=f"{Path(calibration.provenance.get('run file', 'run')).stem}"
+        ".calibration.json",
+        run_file=calibration.provenance.get("run file", "run.toml"),
+        residuals=residuals(outcome) if estimate.whitened.size else None,
+        spheres=(sphere(found, 1), sphere(found, -1)),
+        sections=sections(outcome, found),
+        missing=missing_faces(found),
+        traces=None if recording is None else traces(outcome, recording),
+        correlations=correlations(estimate) if len(chosen) > 1 else None,
+        strongest=tables.strongest(estimate),
+        bench=grids,
+        departures=departures(pulls) if pulls else None,
+        condition=f"{estimate.singular_values[0] / estimate.singular_values[-1]:.3g}",
+    )
+
+
+def judge(outcome: Outcome) -> Judgement:
+    """Return the verdict with its colour.
+
+    "bad": the fit did not converge, the audit refused something, a scale is far from nominal, or
+    uncertainties had to be more than doubled. "care": a warning, residuals larger than stated, or
+    no residuals to judge by. Else "good".
+    """
+    estimate = outcome.estimate
+    severities = {finding.severity for finding in outcome.findings}
+    scales = [
+        1 + outcome.calibration.value(name)
+        for name in outcome.calibration.sensor.coefficients
+        if name.partition(".")[2] in ("k1", "scale")
+    ]
+    far = any(not 0.5 < scale < 2 for scale in scales)
+    if not estimate.converged or "refused" in severities or far or estimate.birge > _DOUBTFUL:
+        return Judgement("bad", "Not to be relied on as it is", outcome.verdict)
+    if not estimate.dof:
+        return Judgement("care", "Usable, but untested", outcome.verdict)
+    if "warning" in severities or not estimate.consistent:
+        return Judgement("care", "Usable, with reservations", outcome.verdict)
+    return Judgement("good", "Consistent with noise and bench as stated", outcome.verdict)
+
+
+def facts(outcome: Outcome) -> list[tuple[str, str]]:
+    """Return the key facts, name and text."""
+    provenance, recording = outcome.calibration.provenance, outcome.recording
+    holds = sum(isinstance(step, Hold) for step in outcome.steps)
+    turns = len(outcome.steps) - holds
+    result = [("Recording", provenance.get("recording", ""))]
+    if recording is None:
+        result.append(("Data", "means, read in as a table"))
+    else:
+        rate = f"{recording.rate_hz:.4g} Hz"
+        size = f"{recording.time.size} samples, {recording.duration:.4g} s at {rate}"
+        result.append(("Data", size))
+    if digest := provenance.get("recording sha256", ""):
+        result.append(("SHA-256", f"{digest[:12]}…"))
+    result.append(("Gravity", outcome.calibration.conditions.get("gravity", "")))
+    used = f"{holds} position{'s' * (holds != 1)}"
+    if turns:
+        used += f", {turns} turn{'s' * (turns != 1)}"
+    result.append(("Used", used))
+    return [(name, text) for name, text in result if text]
+
+
+def sections(outcome: Outcome, found: Sequence[Attitude]) -> list[Section]:
+    """Return the rows of the table of positions and turns."""
+    observed = outcome.observations
+    return [
+        Section(
+            attitude.step.label,
+            attitude.step.in_words().replace("-", "−"),
+            f"{degrees(attitude.off):.2f}",
+            f"{seconds:.2f}",
+            str(samples),
+        )
+        for attitude, seconds, samples in zip(
+            found, observed.duration.tolist(), observed.samples.tolist(), strict=True
+        )
+    ]

@@ -1,0 +1,138 @@
+"""The attitudes that were measured, on a sphere of body directions seen from two sides."""
+
+from dataclasses import dataclass
+from math import acos, cos, degrees, pi, sin
+
+import numpy as np
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+from numpy.typing import NDArray
+
+from inercal.motion import Motion
+from inercal.pipeline import Outcome
+from inercal.plan import Hold, Step, direction
+from inercal.report import drawing
+from inercal.report.drawing import BAND, FAINT, INK, MUTED, PAPER, WARN, Z, svg
+
+Array = NDArray[np.float64]
+FACES = tuple(tuple(sign * row) for row in np.eye(3) for sign in (1.0, -1.0))
+_ON_FACE = cos(25 * pi / 180)  # a hold within 25° covers the face
+_RING = 17 * pi / 180  # angular radius of the arrow that stands for a turn
+_VIEW = np.array([1.0, 0.78, 0.66]) / np.linalg.norm([1.0, 0.78, 0.66])
+
+
+@dataclass(frozen=True, eq=False)
+class Attitude:
+    """One hold or turn as it was measured.
+
+    Parameters
+    ----------
+    step : Hold or Turn
+    towards : (3,) array
+        Unit vector in the sensor's frame: up in a hold, the axis of a turn.
+    off : float
+        Angle from the nominal direction, rad.
+    """
+
+    step: Step
+    towards: Array
+    off: float
+
+
+def attitudes(outcome: Outcome) -> list[Attitude]:
+    """Return the measured direction of each hold and, where there are gyros, of each turn."""
+    calibration = outcome.calibration
+    felt: Motion = calibration.correct(
+        calibration.sensor.to_output(outcome.observations.mean)
+    )
+    found: list[Attitude] = []
+    for k, step in enumerate(outcome.steps):
+        if isinstance(step, Hold):
+            vector, nominal = felt.f[k], np.array(step.up)
+        else:
+            vector, nominal = felt.w[k] * np.sign(step.angle), np.array(step.axis)
+        unit = vector / np.linalg.norm(vector)
+        found.append(Attitude(step, unit, acos(float(np.clip(unit @ nominal, -1.0, 1.0)))))
+    return found
+
+
+def missing_faces(found: list[Attitude]) -> list[str]:
+    """Return the faces that no hold had up: "−z"."""
+    ups = [a.towards for a in found if isinstance(a.step, Hold)]
+    return [
+        direction((float(x), float(y), float(z)))
+        for x, y, z in FACES
+        if not any(up @ np.array([x, y, z]) > _ON_FACE for up in ups)
+    ]
+
+
+@drawing.style
+def sphere(found: list[Attitude], side: int) -> Markup:
+    """Return the sphere of body directions, seen from +x +y +z (side 1) or opposite (−1)."""
+    figure = Figure(figsize=(4.2, 4.2), layout="constrained")
+    axes = figure.subplots()
+    view = side * _VIEW
+    right = np.cross([0.0, 0.0, 1.0], view)
+    right /= np.linalg.norm(right)
+    screen = np.stack([right, np.cross(view, right), view])
+    _globe(axes, screen)
+    missing = missing_faces(found)
+    for face in FACES:
+        x, y, depth = screen @ np.array(face)
+        if depth < 0:
+            continue
+        name = direction((face[0], face[1], face[2]))
+        if name in missing:
+            axes.plot(x, y, "o", ms=9, mfc="none", mec=WARN, mew=1.2)
+            axes.annotate(f"{name}: no position", (x, y), (0, -13), textcoords="offset points",
+                          ha="center", color=WARN)  # fmt: skip
+        else:
+            axes.annotate(name, (x, y), (0, -12), textcoords="offset points", ha="center",
+                          color=MUTED)  # fmt: skip
+    for attitude in found:
+        x, y, depth = screen @ attitude.towards
+        if depth < 0:
+            continue
+        if isinstance(attitude.step, Hold):
+            axes.plot(x, y, "o", ms=6, mfc=Z, mec=PAPER, mew=0.6)
+            axes.annotate(attitude.step.label, (x, y), (0, 6), textcoords="offset points",
+                          ha="center", color=INK)  # fmt: skip
+        else:
+            _turn(axes, attitude, attitude.step.angle, screen)
+    axes.set(xlim=(-1.12, 1.12), ylim=(-1.12, 1.12), aspect="equal")
+    axes.axis("off")
+    seen = "+x +y +z" if side > 0 else "−x −y −z"
+    axes.set_title(f"seen from {seen}", loc="center")
+    return svg(figure, f"sphere{'p' if side > 0 else 'm'}", f"Attitudes covered, seen from {seen}")
+
+
+def _globe(axes: Axes, screen: Array) -> None:
+    axes.add_patch(Circle((0, 0), 1.0, fc=BAND, ec=MUTED, lw=0.8))
+    along = np.linspace(0, 2 * pi, 181)
+    for k in range(3):
+        ring = np.zeros((along.size, 3))
+        ring[:, (k + 1) % 3], ring[:, (k + 2) % 3] = np.cos(along), np.sin(along)
+        x, y, depth = screen @ ring.T
+        axes.plot(np.where(depth >= 0, x, np.nan), y, color=FAINT, lw=0.8)
+
+
+def _turn(axes: Axes, attitude: Attitude, angle: float, screen: Array) -> None:
+    """Draw an arrow around the axis, the way that the sensor was turned."""
+    n = attitude.towards
+    first = np.cross(screen[0], n)
+    first /= np.linalg.norm(first)
+    second = np.cross(n, first)
+    start = np.sign(angle) * np.linspace(-0.78 * pi, 0.78 * pi, 61)
+    ring = cos(_RING) * n[:, None] + sin(_RING) * (
+        np.outer(first, np.cos(start)) + np.outer(second, np.sin(start))
+    )
+    x, y, _ = screen @ ring
+    axes.plot(x[:-1], y[:-1], color=INK, lw=1.0)
+    axes.annotate("", (x[-1], y[-1]), (x[-4], y[-4]),
+                  arrowprops={"arrowstyle": "-|>", "fc": INK, "ec": INK, "lw": 0.8,
+                              "shrinkA": 0, "shrinkB": 0})  # fmt: skip
+    axes.annotate(f"{attitude.step.label} {degrees(angle):+.0f}°".replace("-", "−"),
+                  (float(x.mean()), float(y.min())), (0, -10), textcoords="offset points",
+                  ha="center", color=INK)  # fmt: skip

@@ -1,0 +1,198 @@
+"""The tables of the report as text, rounded to what the uncertainties allow."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+
+from inercal.calibration.verdict import COVERAGE
+from inercal.estimate import Estimate
+from inercal.parameters import Parameter
+from inercal.pipeline import Outcome
+from inercal.units import digits
+
+_SHOWN = {  # unit of a parameter of the bench: as printed, its SI size
+    "m/s²": ("m/s²", 1.0),
+    "rad": ("°", pi / 180),
+    "rad/s": ("°/h", pi / 648_000),
+    "1": ("ppm", 1e-6),
+}
+_STRONG = 0.5  # correlations from here on are named
+_PAIRS = 8
+
+
+@dataclass(frozen=True)
+class CoefficientRow:
+    """One coefficient as printed; `error` in standard uncertainties where the truth is known."""
+
+    name: str
+    symbol: str
+    meaning: str
+    value: str
+    expanded: str
+    unit: str
+    significant: bool
+    error: str
+    far: bool
+
+
+@dataclass(frozen=True)
+class Group:
+    """The coefficients of one kind of axes; `axes` holds the rows of each."""
+
+    title: str
+    axes: tuple[tuple[CoefficientRow, ...], ...]
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A table with a heading above each column and a name before each row."""
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, tuple[str, ...]], ...]
+
+
+def minus(text: str) -> str:
+    """Return text with true minus signs."""
+    return text.replace("-", "−")
+
+
+def coefficients(outcome: Outcome, truth: Mapping[str, float] | None) -> list[Group]:
+    """Return the coefficients by kind and axis, with U = k u in the units of the sensor's table."""
+    calibration = outcome.calibration
+    groups: list[Group] = []
+    for kind, title in (("f", "Accelerometers"), ("w", "Gyros")):
+        rows = [
+            tuple(
+                _row(outcome, name, truth)
+                for name in calibration.sensor.coefficients
+                if name.partition(".")[0] == axis.name
+            )
+            for axis in calibration.sensor.axes
+            if axis.measures == kind
+        ]
+        if any(rows):
+            groups.append(Group(title, tuple(row for row in rows if row)))
+    return groups
+
+
+def _row(outcome: Outcome, name: str, truth: Mapping[str, float] | None) -> CoefficientRow:
+    calibration = outcome.calibration
+    line = calibration.sensor.coefficient(name)
+    value, sd = calibration.value(name), calibration.uncertainty(name)
+    shown, expanded = digits(value / line.si, COVERAGE * sd / line.si)
+    error = float("nan")
+    if truth is not None and sd > 0:
+        error = (value - truth.get(name, 0.0)) / sd
+    return CoefficientRow(
+        name,
+        line.symbol,
+        line.meaning,
+        minus(shown),
+        expanded,
+        line.unit,
+        abs(value) >= COVERAGE * sd,
+        "" if np.isnan(error) else minus(f"{error:+.2f}"),
+        abs(error) > 3,
+    )
+
+
+def bench(outcome: Outcome) -> tuple[list[Grid], dict[str, list[tuple[str, float]]]]:
+    """Return what the fit found about the bench, and how far it lies from what was expected.
+
+    Returns
+    -------
+    list of Grid
+        For the run, the positions and the turns.
+    dict of str to list of (str, float)
+        By position, turn or "run": parameters with (found − expected) in expected standard
+        deviations.
+    """
+    estimate, sensor = outcome.estimate, outcome.calibration.sensor
+    expected = outcome.bench.nuisances(
+        outcome.steps, rates=any(axis.measures == "w" for axis in sensor.axes)
+    )
+    found = [name for name in estimate.names if name not in estimate.wanted]
+    known = {name: expected[name] for name in found if name in expected}
+    free = [name for name in found if name not in expected]
+    grids: list[Grid] = []
+    pulls: dict[str, list[tuple[str, float]]] = {}
+    for name, parameter in known.items():
+        if parameter.sd > 0:
+            short, _, label = name.rstrip("]").partition("[")
+            value = estimate.value[estimate.names.index(name)]
+            pull = float((value - parameter.value) / parameter.sd)
+            pulls.setdefault(label or "run", []).append((short, pull))
+    run = [name for name, parameter in known.items() if parameter.scope == "run"]
+    if run:
+        rows = tuple((known[name].meaning, _run_row(estimate, name, known[name])) for name in run)
+        grids.append(Grid("The whole run", ("stated", "found", "unit"), rows))
+    for scope, title in (("position", "By position"), ("turn", "By turn")):
+        names = [name for name, parameter in known.items() if parameter.scope == scope]
+        if scope == "turn":
+            names += free
+        if names:
+            grids.append(_by_label(estimate, title, names, known))
+    return grids, pulls
+
+
+def _run_row(estimate: Estimate, name: str, parameter: Parameter) -> tuple[str, ...]:
+    unit, si = _SHOWN[parameter.unit]
+    k = estimate.names.index(name)
+    before = digits(parameter.value / si, parameter.sd / si)
+    after = digits(estimate.value[k] / si, estimate.std[k] / si)
+    return (minus(" ± ".join(before)), minus(" ± ".join(after)), unit)
+
+
+def _by_label(
+    estimate: Estimate, title: str, names: list[str], known: Mapping[str, Parameter]
+) -> Grid:
+    shorts = list(dict.fromkeys(name.partition("[")[0] for name in names))
+    labels = list(dict.fromkeys(name.rstrip("]").partition("[")[2] for name in names))
+    heads: list[str] = []
+    cells: dict[str, list[str]] = {label: [] for label in labels}
+    for short in shorts:
+        parameter = known.get(next(name for name in names if name.startswith(f"{short}[")))
+        unit, si = _SHOWN["m/s²" if parameter is None else parameter.unit]
+        stated = "free" if parameter is None else f"stated {minus(_stated(parameter, si))}"
+        heads.append(f"{short}, {unit} ({stated})")
+        for label in labels:
+            k = estimate.names.index(f"{short}[{label}]")
+            shown = digits(estimate.value[k] / si, estimate.std[k] / si)
+            cells[label].append(minus(" ± ".join(shown)))
+    return Grid(title, tuple(heads), tuple((label, tuple(row)) for label, row in cells.items()))
+
+
+def _stated(parameter: Parameter, si: float) -> str:
+    return f"{parameter.value / si:.3g} ± {parameter.sd / si:.3g}"
+
+
+def strongest(estimate: Estimate) -> list[str]:
+    """Return the strongest correlations in words, at most eight; empty if none reaches ½."""
+    names = estimate.wanted
+    matrix = estimate.select(names).correlation
+    rows, columns = np.tril_indices(len(names), -1)
+    r = matrix[rows, columns]
+    order = [k for k in np.argsort(-np.abs(r)).tolist() if abs(r[k]) >= _STRONG][:_PAIRS]
+    return [
+        f"{names[columns[k]]} and {names[rows[k]]}: {minus(f'{float(r[k]):+.2f}')}" for k in order
+    ]
+
+
+def matrix(outcome: Outcome) -> Grid | None:
+    """Return C and o of felt = C (output − o), or None for a model that is not affine."""
+    calibration = outcome.calibration
+    sensor = calibration.sensor
+    if not sensor.affine:
+        return None
+    slope, offset = calibration.linear()
+    kinds = [kind for kind in "fw" if any(axis.measures == kind for axis in sensor.axes)]
+    felt = [f"{kind}_{a}" for kind in kinds for a in "xyz"]
+    rows = [
+        (name, tuple(minus(f"{x:.7g}") if abs(x) > 1e-14 else "0" for x in row))
+        for name, row in zip(felt, slope, strict=True)
+    ]
+    rows.append(("o", tuple(minus(f"{x:.7g}") for x in offset)))
+    return Grid("", sensor.channels, tuple(rows))

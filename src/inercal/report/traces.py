@@ -1,0 +1,114 @@
+"""The recorded signals with their sections; envelopes keep a long recording small.
+
+Of each stretch of samples the smallest and the largest are drawn, so that no spike is lost.
+"""
+
+import numpy as np
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from inercal.pipeline import Outcome
+from inercal.recording import Recording
+from inercal.report import drawing
+from inercal.report.drawing import AXES, BAND, FAINT, MUTED, WARN, svg
+from inercal.report.figures import KINDS
+
+Array = NDArray[np.float64]
+POINTS = 2400  # of each channel, at most
+_LETTER = 0.055  # inches, of a section's name
+
+
+def envelope(recording: Recording, column: int) -> tuple[Array, Array]:
+    """Return times from the first sample, s, and readings, (k,): broken by NaN at gaps.
+
+    Of more than `POINTS` samples the extremes of each of POINTS/2 stretches are kept.
+    """
+    y = recording.data[:, column]
+    stretch = -(-y.size // (POINTS // 2))
+    if stretch <= 2:
+        kept = np.arange(y.size)
+    else:
+        whole = y.size // stretch * stretch
+        blocks = y[:whole].reshape(-1, stretch)
+        first = np.arange(0, whole, stretch)
+        picks = [first + blocks.argmin(1), first + blocks.argmax(1)]
+        if whole < y.size:
+            tail = y[whole:]
+            picks.append(whole + np.array([tail.argmin(), tail.argmax()]))
+        kept = np.unique(np.concatenate([*picks, [0, y.size - 1]]))
+    broken = np.unique(np.searchsorted(kept, recording.gaps[:, 1]))
+    time = recording.time[kept] - recording.time[0]
+    return np.insert(time, broken, time[broken]), np.insert(y[kept], broken, np.nan)
+
+
+@drawing.style
+def traces(outcome: Outcome, recording: Recording) -> Markup:
+    """Return the signals by kind of axis, sections shaded, the audit's ranges marked."""
+    sensor = outcome.calibration.sensor
+    kinds = [kind for kind in KINDS if any(axis.measures == kind for axis in sensor.axes)]
+    figure = Figure(figsize=(9.0, 0.8 + 1.9 * len(kinds)), layout="constrained")
+    rows = figure.subplots(len(kinds), 1, squeeze=False, sharex=True)[:, 0]
+    for axes, kind in zip(rows, kinds, strict=True):
+        names = [axis.name for axis in sensor.axes if axis.measures == kind]
+        for k, name in enumerate(names):
+            column = recording.channels.index(name)
+            time, y = envelope(recording, column)
+            axes.plot(time, y, color=AXES[k % 3], lw=0.7, label=name)
+        title = KINDS[kind][0].lower()
+        axes.set_ylabel(f"{title}, {recording.units[recording.channels.index(names[0])]}")
+        axes.legend(loc="lower right", bbox_to_anchor=(1.01, 0.98), ncols=3, borderpad=0)
+        _shade(axes, outcome, recording)
+        _mark(axes, outcome, recording, names)
+        axes.margins(x=0.01)
+    _name(rows[0], outcome, recording)
+    rows[-1].set_xlabel("time from the first sample, s")
+    return svg(figure, "traces", "Recorded signals with the marked sections")
+
+
+def _ranges(spans: list[tuple[int, int]], recording: Recording) -> list[tuple[float, float]]:
+    """Return start and length in s of half-open ranges of samples."""
+    last = recording.time.size - 1
+    return [
+        (
+            float(recording.time[start] - recording.time[0]),
+            float(recording.time[min(stop, last)] - recording.time[start]),
+        )
+        for start, stop in spans
+    ]
+
+
+def _shade(axes: Axes, outcome: Outcome, recording: Recording) -> None:
+    spans = [(mark.start, mark.stop) for mark in outcome.marks]
+    axes.broken_barh(_ranges(spans, recording), (0, 1), fc=BAND, ec=FAINT, lw=0.5, zorder=0,
+                     transform=axes.get_xaxis_transform())  # fmt: skip
+
+
+def _mark(axes: Axes, outcome: Outcome, recording: Recording, names: list[str]) -> None:
+    """Mark what the audit found in these channels or in all."""
+    spans = [
+        (f.start, min(f.stop, recording.time.size))
+        for f in outcome.findings
+        if f.start is not None and f.stop is not None and f.channel in (None, *names)
+    ]
+    if spans:
+        axes.broken_barh(_ranges(spans, recording), (0, 1), fc=(WARN, 0.25), ec=WARN, lw=0.8,
+                         zorder=3, transform=axes.get_xaxis_transform())  # fmt: skip
+
+
+def _name(axes: Axes, outcome: Outcome, recording: Recording) -> None:
+    """Write the sections' names above the axes, upright where they would meet."""
+    where = [start + length / 2 for start, length in
+             _ranges([(m.start, m.stop) for m in outcome.marks], recording)]  # fmt: skip
+    if not where:
+        return
+    inches = 8.2 * np.diff(sorted(where)) / max(recording.duration, 1e-9)
+    longest = max(len(mark.label) for mark in outcome.marks)
+    upright = bool((inches < _LETTER * (longest + 2)).any())
+    for mark, x in zip(outcome.marks, where, strict=True):
+        axes.annotate(mark.label, (x, 0.97), xycoords=axes.get_xaxis_transform(), ha="center",
+                      va="top", rotation=90 if upright else 0, fontsize=7, color=MUTED)  # fmt: skip
+    low, high = axes.get_ylim()
+    room = 0.12 if not upright else 0.06 + 0.045 * longest
+    axes.set_ylim(low, high + room * (high - low))

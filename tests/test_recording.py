@@ -1,0 +1,110 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from inercal.errors import InputError
+from inercal.recording import Finding, Observations, Recording
+
+
+def recording(**changes: object) -> Recording:
+    made = Recording(
+        time=np.array([0.0, 0.1, 0.2, 0.5, 0.6]),
+        data=np.arange(10.0).reshape(5, 2),
+        channels=("x", "y"),
+        units=("g", "g"),
+        labels=np.array(["a", "a", "b", "b", "b"]),
+        temperature=np.full(5, 293.15),
+        readback={"angle": np.arange(5.0)},
+        source="run.csv",
+        first_row=2,
+    )
+    return dataclasses.replace(made, **changes)  # type: ignore[arg-type]
+
+
+def observations(**changes: object) -> Observations:
+    made = Observations(
+        labels=("up", "down"),
+        mean=np.zeros((2, 3)),
+        covariance=np.broadcast_to(np.eye(3), (2, 3, 3)),
+        duration=np.ones(2),
+        samples=np.full(2, 100),
+        time=np.arange(2.0),
+        channels=("x", "y", "z"),
+    )
+    return dataclasses.replace(made, **changes)  # type: ignore[arg-type]
+
+
+def test_rate_duration_and_gaps_come_from_the_time_stamps():
+    made = recording()
+    assert made.rate_hz == pytest.approx(10)
+    assert made.duration == 0.6
+    assert made.gaps.tolist() == [[2, 3]]
+
+
+def test_a_slice_keeps_its_lines_and_its_findings():
+    inside = Finding("warning", "saturation", "x", "x", 1, 4)
+    outside = Finding("warning", "saturation", "x", "x", 0, 1)
+    whole = Finding("note", "jitter", "x")
+    part = recording(findings=(inside, outside, whole)).slice(2, 5)
+    assert part.where(0) == "line 4"
+    assert part.data[0].tolist() == [4, 5]
+    assert part.labels is not None
+    assert part.labels.tolist() == ["b", "b", "b"]
+    assert part.readback["angle"].tolist() == [2, 3, 4]
+    assert part.findings == (dataclasses.replace(inside, start=0, stop=2), whole)
+
+
+def test_chosen_samples_are_no_longer_in_step_with_lines():
+    assert recording().take(np.array([0, 2])).where(1) == "sample 1"
+
+
+def test_trials_share_times():
+    data = np.zeros((7, 5, 2))
+    part = recording(data=data, readback={"angle": np.zeros((7, 5))}).slice(1, 3)
+    assert part.data.shape == (7, 2, 2)
+    assert part.readback["angle"].shape == (7, 2)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"time": np.zeros(0)}, "at least one sample"),
+        ({"channels": ("x", "x")}, "not distinct"),
+        ({"units": ("g",)}, "1 units for 2 channels"),
+        ({"data": np.zeros((4, 2))}, r"data \(4, 2\)"),
+        ({"labels": np.array(["a"])}, "1 labels for 5 samples"),
+        ({"temperature": np.zeros(3)}, "temperature"),
+        ({"readback": {"angle": np.zeros(3)}}, "angle"),
+    ],
+)
+def test_a_recording_whose_arrays_disagree_is_refused(changes: dict[str, object], message: str):
+    with pytest.raises(InputError, match=message):
+        recording(**changes)
+
+
+def test_a_clock_that_stands_still_has_no_rate():
+    with pytest.raises(InputError, match="does not advance"):
+        _ = recording(time=np.zeros(5)).rate_hz
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"mean": np.zeros((2, 2))}, "mean"),
+        ({"mean": np.array([[0, 0, 0], [0, np.nan, 0]])}, r"down \(row 2\)"),
+        ({"covariance": np.full((2, 3, 3), np.inf)}, "covariance not finite"),
+        ({"covariance": np.broadcast_to(-np.eye(3), (2, 3, 3))}, "negative variance"),
+        ({"covariance": np.broadcast_to(np.eye(3) + np.eye(3, k=1), (2, 3, 3))}, "symmetric"),
+        ({"samples": np.array([100, 0])}, r"down \(row 2\) has no samples"),
+        ({"dof": 0.0}, "degrees of freedom"),
+    ],
+)
+def test_observations_that_cannot_be_are_refused(changes: dict[str, object], message: str):
+    with pytest.raises(InputError, match=message):
+        observations(**changes)
+
+
+def test_observations_may_carry_trials():
+    many = observations(mean=np.zeros((9, 2, 3)), covariance=np.zeros((9, 2, 3, 3)))
+    assert many.mean.shape == (9, 2, 3)
