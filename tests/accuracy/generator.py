@@ -147,15 +147,15 @@ def record(
     """Return a session: every position, then every turn.
 
     `faces` and `turns` are directions in the body by label. With `moves` the sensor is carried
-    from one section to the next; without, sections follow one another at once, as nothing between
-    them is looked at.
+    from one section to the next in two seconds, a second after the one and a second before the
+    other; without, sections follow one another at once, as nothing between them is looked at.
     """
     true_dt = (1 + hands.timebase * rng.standard_normal(trials)) / rate_hz
     g = hands.gravity + hands.gravity_sd * rng.standard_normal(trials)
     parts: list[Array] = []
     marks: dict[str, tuple[int, int]] = {}
     attitude: Array | None = None
-    count = 0
+    count, pause = 0, round(rate_hz)
     for label, direction in {**faces, **turns}.items():
         turning = label in turns
         wide = hands.turn_tilt if turning else hands.tilt
@@ -163,9 +163,10 @@ def record(
         vertical = _off(np.array([0.0, 0.0, 1.0]), hands.table * turning, rng, trials)
         start = _stand(in_body, vertical, rng.uniform(0, 2 * pi, trials))
         if moves and attitude is not None:
-            n = round(2.0 * rate_hz)
-            parts.append(_felt(*_carry(attitude, start, n, true_dt, rng), true_dt, hands, g))
-            count += n
+            for at, n in ((attitude, pause), (None, 2 * pause), (start, pause)):
+                path, place = _carry(attitude, start, n, rng) if at is None else _rest(at, imu, n)
+                parts.append(_felt(path, place, true_dt, hands, g))
+                count += n
         n = round((turn_seconds if turning else hold_seconds) * rate_hz)
         if turning:
             meant = angle + hands.turn_angle * rng.standard_normal(trials)
@@ -175,8 +176,8 @@ def record(
             felt = _felt(path, path @ imu.arm, true_dt, hands, g)
         else:
             attitude = start
-            path = np.repeat(start[:, None], 3, axis=1)  # one sample stands for all
-            felt = np.repeat(_felt(path, path @ imu.arm, true_dt, hands, g), n, axis=1)
+            one = _felt(*_rest(start, imu, 1), true_dt, hands, g)  # it stands for all
+            felt = np.repeat(one, n, axis=1)
         parts.append(felt)
         marks[label] = (count, count + n)
         count += n
@@ -231,9 +232,13 @@ def _hand(n: int, rng: np.random.Generator) -> Array:
     return smooth + 0.3 * s**3 * (1 - s) ** 3 * waves
 
 
-def _carry(
-    start: Array, end: Array, n: int, dt: Array, rng: np.random.Generator
-) -> tuple[Array, Array]:
+def _rest(attitude: Array, imu: Imu, n: int) -> tuple[Array, Array]:
+    """Return attitudes and places of the accelerometers at every half sample, at rest."""
+    path = np.repeat(attitude[:, None], 2 * n + 1, axis=1)
+    return path, path @ imu.arm
+
+
+def _carry(start: Array, end: Array, n: int, rng: np.random.Generator) -> tuple[Array, Array]:
     """Return attitudes and places while a hand lifts, turns and sets down the sensor."""
     turn = np.swapaxes(start, -1, -2) @ end
     # The axis is what the rotation leaves alone: the null vector of turn − 1, also at 180°.

@@ -56,6 +56,13 @@ def test_a_malformed_problem_is_refused_in_words(change: dict[str, Any], message
         ),
         (
             {
+                "start": np.zeros((4, 2)),
+                "linearise": lambda x: (np.ones((4, 3)), np.ones((5, 3, 2))),
+            },
+            "numbers of trials differ",
+        ),
+        (
+            {
                 "gauges": (
                     Gauge("one", ("a",), np.ones((1, 1)), np.ones(1)),
                     Gauge("two", ("a",), np.ones((1, 1)), np.ones(1)),

@@ -59,9 +59,10 @@ BAD = {
     "utf-16": (GOOD.encode("utf-16"), "is UTF-16 text; save it as UTF-8"),
     "latin-1": ("t,x,y,°C\n".encode("latin-1"), "line 1: byte 0xb0 is not UTF-8"),
     "cut letter": (lines() + b"\xc3", "line 202: byte 0xc3 is not UTF-8"),
-    "workbook": (b"PK\x03\x04" + JUNK, "not a .npz archive"),
+    "workbook": (b"PK\x03\x04" + JUNK, "no .npz archive or is damaged"),
     "open quote": (lines((1, "t,x,y"), (2, '"0.1,1,1')), "line 2: 1 column where the header"),
     "on its side": (b",".join([b"1"] * 2000) + b"\n", "2000 columns; at most 1000"),
+    "on its side, quoted": (b";".join([b"1,5"] * 200_000) + b"\n", "200000 columns; at most 1000"),
 }
 
 

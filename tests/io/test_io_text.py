@@ -42,10 +42,21 @@ def test_layouts_are_told_from_the_first_lines(tmp_path: Path, text: str, names:
 
 def test_a_column_of_words_is_labels_and_quotes_protect_them(tmp_path: Path):
     path = tmp_path / "log.csv"
-    path.write_text('part,x\n"up, slow",1\ndown # 2,2\n"",3\n'.replace("down # 2", '"down # 2"'))
+    path.write_text('part,x\n"down # 2",1\n"up, slow",2\n"",3\n')
     table = read_table(path)
-    assert table.columns["part"].tolist() == ["up, slow", "down # 2", ""]
+    assert table.columns["part"].tolist() == ["down # 2", "up, slow", ""]
     assert table.numbers("x").tolist() == [1, 2, 3]
+
+
+def test_a_quotation_mark_left_open_does_not_swallow_rows(tmp_path: Path):
+    path = tmp_path / "log.csv"
+    path.write_text('part,x\n"a",1\n"a,2\n"b",3\nb,4\n')
+    for wanted in (["x"], ["part", "x"]):
+        with pytest.raises(InputError, match=r"log\.csv.*(quotation mark|line 3: 1 column)"):
+            read_table(path, wanted=wanted)
+    path.write_text('part,x\n"a",1\n"a,2\nb"c,3\nb,4\n')
+    with pytest.raises(InputError, match="4 lines of data make 3 rows; is a quotation mark left"):
+        read_table(path, wanted=["x"])
 
 
 def test_labels_that_look_like_numbers_are_text_on_wish(tmp_path: Path):

@@ -82,7 +82,7 @@ def test_sections_too_short_alone_are_enough_together():
     assert dof == 24
     np.linalg.cholesky(covariances[0])
     with pytest.raises(
-        InputError, match="2 samples in 1 sections leave 1 degrees of freedom; a cov"
+        InputError, match="2 samples about 1 means leave 1 degrees of freedom; a cov"
     ):
         mean_covariance(sections[0])
 

@@ -1,16 +1,16 @@
 """A calibration: coefficients with covariance, how they were found, and what applies them."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.calibration.forms import Converted, Frame, ieee1293, reframe
+from inercal.calibration.forms import Converted, Frame, ieee1293, reform, reframe
 from inercal.errors import InputError
 from inercal.motion import Motion
 from inercal.recording import Recording
-from inercal.sensors import Sensor, inverse
+from inercal.sensors import Form, Sensor, inverse
 
 Array = NDArray[np.float64]
 
@@ -171,6 +171,21 @@ class Calibration:
         """Return E = K₁ (K₀ + a + K₂ a² + …) of each accelerometer axis, with covariance."""
         return ieee1293(self.sensor, self.values, self.covariance)
 
+    def in_form(self, form: Form) -> "Calibration":
+        """Return the calibration with its model in the "reference" or the "tilted" form.
+
+        Exact, for terms that are affine in f and ω.
+
+        Raises
+        ------
+        InputError
+            The model has nonlinear terms.
+        """
+        if form == self.sensor.form:
+            return self
+        sensor, values, covariance = reform(self.sensor, self.values, self.covariance)
+        return replace(self, sensor=sensor, values=values, covariance=covariance)
+
     def in_frame(self, frame: Frame) -> "Calibration":
         """Return the calibration referred to another body frame.
 
@@ -188,17 +203,13 @@ class Calibration:
         if frame not in ("triangular", "symmetric"):
             raise InputError(f"frame {frame!r}; 'triangular' or 'symmetric' can be made of 'mount'")
         sensor, values, covariance, turn = reframe(self.sensor, self.values, self.covariance, frame)
-        return Calibration(
-            sensor,
-            values,
-            covariance,
-            self.method,
-            self.estimator,
-            self.conditions,
-            self.provenance,
-            self.notes,
-            frame,
-            turn @ self.mount,
+        return replace(
+            self,
+            sensor=sensor,
+            values=values,
+            covariance=covariance,
+            frame=frame,
+            mount=turn @ self.mount,
         )
 
 

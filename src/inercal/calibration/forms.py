@@ -9,7 +9,7 @@ frame by a rotation Q, f' = Q f, leaves the readings and changes the matrices ex
 "triangular" takes Q from M = L Q, L lower triangular; "symmetric" from the polar form M = S Q.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -98,6 +98,51 @@ def _in_g(sensor: Sensor, full: str) -> str:
     """Return the unit with µg replaced by g, mm by m and ppm by 1."""
     unit = sensor.coefficient(full).unit
     return unit.replace("µg", "g").replace("mm", "g/(rad/s)²").replace("ppm", "1")
+
+
+def reform(sensor: Sensor, values: Array, covariance: Array) -> tuple[Sensor, Array, Array]:
+    """Return sensor, values and covariance with the model's terms in its other form.
+
+    The reference form's scale and misalignments 1 + k1′, δ_O′, δ_P′ are the components of one
+    vector, (1 + k1) times the unit input axis h = (1, tan δ_O, −tan δ_P)/norm of the tilted form::
+
+        1 + k1 = √((1 + k1′)² + δ_O′² + δ_P′²),   tan δ = δ′ / (1 + k1′)
+
+    Raises
+    ------
+    InputError
+        Nonlinear terms, which act along another axis in the other form.
+    """
+    beyond = [n for n in sensor.coefficients if n.partition(".")[2] not in _AFFINE]
+    if beyond:
+        raise InputError(f"{', '.join(beyond)} act along another axis in the other form")
+    modelled = {name.partition(".")[0] for name in sensor.coefficients}
+    vectors = [f"{axis}.{group}" for axis in modelled for group in ("scale", "misalignment")]
+    full = sensor.with_coefficients(*sensor.coefficients, *vectors)
+
+    def convert(c: Array) -> Array:
+        by_name = dict.fromkeys(full.coefficients, 0.0)
+        by_name |= dict(zip(sensor.coefficients, c, strict=True))
+        for axis in sensor.axes:
+            scale = f"{axis.name}.{'k1' if axis.measures == 'f' else 'scale'}"
+            turns = [f"{axis.name}.delta_o", f"{axis.name}.delta_p"]
+            if scale not in by_name:
+                continue
+            gain, *given = (by_name[name] for name in (scale, *turns))
+            if sensor.form == "reference":
+                by_name[scale] = float(np.linalg.norm([1 + gain, *given])) - 1
+                changed = np.arctan2(given, 1 + gain)
+            else:
+                tangents = np.tan(given)
+                along = (1 + gain) / float(np.linalg.norm([1, *tangents]))
+                by_name[scale] = along - 1
+                changed = along * tangents
+            by_name |= dict(zip(turns, changed.tolist(), strict=True))
+        return np.array([by_name[name] for name in full.coefficients])
+
+    found, spread = propagate(convert, values, covariance)
+    other = "tilted" if sensor.form == "reference" else "reference"
+    return replace(full, form=other), found, spread
 
 
 def reframe(

@@ -40,7 +40,7 @@ def _factor(
     k, lanes = d.shape
     row, s = np.empty((k, lanes)), np.empty(lanes)
     size, busy = np.empty(k), np.empty(k, np.int64)
-    last = rows.shape[0] - 1  # the spare lanes of the last block repeat the last trial
+    last = u.shape[0] - 1  # the spare lanes of the last block repeat the last trial
     for i in range(k):
         for j in range(i + 1):
             a[i, j] = prior[i, j]
@@ -49,7 +49,8 @@ def _factor(
         size[:] = 0.0
         for lane in range(lanes):
             t = min(first + lane, last)
-            one, w, s[lane] = rows[t, n], weight[t, n], u[t, n]
+            one, w = rows[min(t, rows.shape[0] - 1), n], weight[min(t, weight.shape[0] - 1), n]
+            s[lane] = u[t, n]
             for i in range(k):
                 z = w * one[i]
                 row[i, lane] = z
@@ -72,7 +73,8 @@ def _factor(
     good[:] = True
     for i in range(k):
         for lane in range(lanes):
-            d[i, lane] = 1.0 / np.sqrt(a[i, i, lane])
+            z = a[i, i, lane]
+            d[i, lane] = 1.0 / np.sqrt(z if z > 0.0 else 1.0)
     for i in range(k):
         left = a[i]
         for j in range(i + 1):
@@ -91,8 +93,9 @@ def _factor(
             else:
                 for lane in range(lanes):
                     # The diagonal began at one: this is no more than rounding would leave.
-                    good[lane] &= s[lane] > 1e-14
-                    left[j, lane] = 1.0 / np.sqrt(s[lane])
+                    ok = s[lane] > 1e-14
+                    good[lane] &= ok
+                    left[j, lane] = 1.0 / np.sqrt(s[lane] if ok else 1.0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
@@ -104,7 +107,7 @@ def solve(
     Parameters
     ----------
     rows, weight : (trials, m, k) and (trials, m) arrays
-        A is diag(weight) · rows.
+        A is diag(weight) · rows; either may have one trial, shared by all.
     u : (trials, m) array
         Whitened residual.
     prior : (k, k) array
@@ -164,14 +167,14 @@ def solve(
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def inverse(rows: Array, weight: Array, prior: Array, lanes: int) -> tuple[Array, Bools]:
     """Return (AᵀA + P)⁻¹ (trials, k, k), and where it exists (trials,); arguments as in `solve`."""
-    trials, k = rows.shape[0], rows.shape[2]
+    trials, k = max(rows.shape[0], weight.shape[0]), rows.shape[2]
     result = np.empty((trials, k, k))
     ok, good = np.zeros(trials, np.bool_), np.empty(lanes, np.bool_)
     damping = np.zeros(trials)
     a, v, d = np.empty((k, k, lanes)), np.zeros((k, k, lanes)), np.empty((k, lanes))
-    b, s = np.empty((k, lanes)), np.empty(lanes)
+    u, b, s = np.zeros((trials, rows.shape[1])), np.empty((k, lanes)), np.empty(lanes)
     for first in range(0, trials, lanes):
-        _factor(rows, weight, weight, prior, damping, first, a, b, d, good)
+        _factor(rows, weight, u, prior, damping, first, a, b, d, good)
         # v[j, i] = (L⁻¹)ᵢⱼ: transposed, so that both sums below run along rows.
         for j in range(k):
             column = v[j]

@@ -84,6 +84,7 @@ def finish(
         pull = loss.weight(point.whitened) * point.whitened
     if system.basis is not None:
         covariance = system.basis @ covariance @ system.basis.T
+    covariance = np.broadcast_to(covariance, (system.trials, *covariance.shape[1:]))
     chi2 = np.sum(pull**2, axis=-1) + np.sum(point.prior**2, axis=-1)
     first = 0 if system.single else slice(None)
     return Estimate(
@@ -135,7 +136,7 @@ def _search(
         # A point that is not finite falls by NaN, and so is refused.
         accepted = ~active | (ok & (fall >= -slack) & (gain > 1e-3))
 
-        x = np.where(accepted[:, None], x, point.x)
+        x = x if accepted.all() else np.where(accepted[:, None], x, point.x)
         if not system.constant_noise:
             whitener = system.whitener(x)
             tried = system.point(x, residual, jacobian, whitener)
@@ -160,13 +161,12 @@ def _step(
 ) -> tuple[Array, Array, Bools]:
     """Return moves of x (trials, p), predicted falls (trials,), which exist; of active ones."""
     some = slice(None) if active.all() else np.flatnonzero(active)
-    weight, u = point.weight[some], point.whitened[some]
+    rows, weight = (a if len(a) == 1 else a[some] for a in (point.rows, point.weight))
+    u = point.whitened[some]
     if loss is not None:
         root = np.sqrt(loss.weight(u))
         weight, u = root * weight, root * u
-    step = steps.solve(
-        point.rows[some], weight, u, system.prior_rows, point.prior[some], damping[some]
-    )
+    step = steps.solve(rows, weight, u, system.prior_rows, point.prior[some], damping[some])
     move = np.zeros_like(point.x)
     predicted, ok = np.zeros(len(move)), np.zeros(len(move), dtype=bool)
     free = np.where(step.ok[:, None], step.step, 0.0)

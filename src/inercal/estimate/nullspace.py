@@ -60,14 +60,7 @@ def judge(system: System, point: Point) -> Structure:
     NotObserved
         A direction that neither the data nor a prior nor a gauge determines.
     """
-    problem = system.problem
-    rows = [
-        marginal.rows(problem.names)[0]
-        for prior in problem.priors
-        if (marginal := prior.marginal(problem.nuisances))
-    ]
-    nuisance_rows = np.concatenate([np.zeros((0, len(problem.names))), *rows])
-    seen = _structure(system, point, nuisance_rows)
+    seen = _structure(system, point, system.nuisance_rows)
     if seen.null_directions:
         free = _structure(system, point, system.prior_full).null_directions
         if free:
@@ -83,31 +76,29 @@ def judge(system: System, point: Point) -> Structure:
 def _structure(system: System, point: Point, prior_rows: Array) -> Structure:
     """Return the structure with these prior rows (b, p) and no others."""
     problem, data = system.problem, point.weight[0][:, None] * point.rows[0]
+    wanted = [problem.names.index(name) for name in problem.wanted]
+    # Coordinates of the free moves: those that move wanted parameters, by `left`, and the others.
     if system.basis is None:
-        moves = np.eye(len(problem.names))
+        moves, left = np.eye(len(problem.names)), np.eye(len(wanted))
         rows = np.concatenate([data, prior_rows]) * problem.scale
+        along, beside = moves[:, wanted], np.delete(moves, wanted, axis=1)
     else:
         moves = system.basis / problem.scale[:, None]
         rows = np.concatenate([data, prior_rows @ system.basis])
+        left, size, right = np.linalg.svd(moves[wanted])
+        n = int(np.sum(size > _NOTHING))
+        left, along, beside = left[:, :n], right[:n].T / size[:n], right[n:].T
 
-    # Coordinates of the free moves: those that move wanted parameters, and those that do not.
-    wanted = [problem.names.index(name) for name in problem.wanted]
-    left, size, right = np.linalg.svd(moves[wanted])
-    n = int(np.sum(size > _NOTHING))
-    left, along, beside = left[:, :n], right[:n].T / size[:n], right[n:].T
-
-    nuisance = rows @ beside
-    q, s, v = np.linalg.svd(nuisance, full_matrices=False)
+    q, s, v = np.linalg.svd(rows @ beside)
     # The rows of a wide prior are weak but real, so only rounding counts as nothing here.
-    determined = s > 1e-14 * np.max(s, initial=0.0)
-    loose = np.concatenate([v[~determined], np.linalg.svd(nuisance)[2][len(s) :]])
-    q = q[:, determined]
+    n = int(np.sum(s > 1e-14 * np.max(s, initial=0.0)))
+    q, loose = q[:, :n], v[n:]
 
     direct = rows @ along
-    reference = np.linalg.norm(direct, 2) if direct.size else 0.0
+    reference = np.linalg.norm(direct)
     _, s, v = np.linalg.svd(direct - q @ (q.T @ direct))
     rank = int(np.sum(s > _NOTHING * reference))
-    singular = np.concatenate([s, np.zeros(n - len(s))])
+    singular = np.concatenate([s, np.zeros(left.shape[1] - len(s))])
 
     null = v[rank:] @ left.T
     directions = _named(problem, point.x[0], null)

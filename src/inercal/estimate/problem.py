@@ -29,10 +29,11 @@ class Problem:
         The p parameters; their order is that of every vector.
     start : (p,) or (trials, p) array
         Where the search starts and where it is judged what can be observed: wanted parameters at
-        nominal, nuisances at their prior mean.
+        nominal, nuisances at their prior mean. One start serves any number of trials.
     linearise : callable
-        x, shaped as `start` or (trials, p), to the residual y − h(x), (..., m), and the Jacobian
-        ∂h/∂x, (..., m, p). Where there are trials, it is always called for all of them.
+        x to the residual y − h(x), (..., m), and the Jacobian ∂h/∂x, (..., m, p). It is called
+        with x as `start` first, and then, where there are trials, for all of them, (trials, p). A
+        Jacobian that all trials share may stay (m, p).
     noise : array or callable
         Standard deviation of the observations, (m,) or (trials, m), or their covariance, (m, m) or
         (trials, m, m); an (m, m) array is always a covariance. Or a callable of x giving either:

@@ -36,7 +36,7 @@ def solve(
     Parameters
     ----------
     rows, weight : (trials, m, k) and (trials, m) arrays
-        A is diag(weight) · rows.
+        A is diag(weight) · rows; either may have one trial, shared by all.
     u : (trials, m) array
         Whitened residual of the observations.
     prior_rows, v : (b, k) and (trials, b) arrays
@@ -44,7 +44,7 @@ def solve(
     damping : (trials,) array
         λ.
     """
-    if len(rows) <= FEW:
+    if len(u) <= FEW:
         return _one_by_one(rows * weight[..., None], u, prior_rows, v, damping)
     from inercal.estimate import _kernels
 
@@ -54,9 +54,14 @@ def solve(
 
 
 def covariance(rows: Array, weight: Array, prior_rows: Array) -> tuple[Array, Bools]:
-    """Return (AᵀA + BᵀB)⁻¹, (trials, k, k), and whether each exists (trials,)."""
-    if len(rows) <= FEW:
-        result = np.full((len(rows), rows.shape[-1], rows.shape[-1]), np.nan)
+    """Return (AᵀA + BᵀB)⁻¹, (trials, k, k), and whether each exists (trials,).
+
+    Arguments as in `solve`; where all trials share rows and weights, so they do the result, which
+    then has one trial.
+    """
+    trials, k = max(len(rows), len(weight)), rows.shape[-1]
+    if trials <= FEW:
+        result = np.full((trials, k, k), np.nan)
         for t, a in enumerate(rows * weight[..., None]):
             stacked = np.concatenate([a, prior_rows])
             size = _size(stacked)
@@ -84,7 +89,8 @@ def _regular(triangle: Array) -> bool:
 
 
 def _one_by_one(rows: Array, u: Array, prior_rows: Array, v: Array, damping: Array) -> Step:
-    trials, _, k = rows.shape
+    (trials, m), k = u.shape, rows.shape[-1]
+    rows = np.broadcast_to(rows, (trials, m, k))
     result = Step(np.zeros((trials, k)), np.zeros(trials), np.zeros(trials, dtype=bool))
     for t in range(trials):
         stacked = np.concatenate([rows[t], prior_rows])

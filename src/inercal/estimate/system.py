@@ -18,12 +18,15 @@ Array = NDArray[np.float64]
 
 
 class Point(NamedTuple):
-    """The problem linearised at x, all with the axis of trials."""
+    """The problem linearised at x, all with the axis of trials.
+
+    Rows and weights that all trials share keep an axis of one, so that they are not copied.
+    """
 
     x: Array  # (trials, p)
     residual: Array  # y − h(x), (trials, m)
-    rows: Array  # ∂h/∂t, (trials, m, k), decorrelated where the noise is correlated
-    weight: Array  # what whitens a row of it, (trials, m)
+    rows: Array  # ∂h/∂t, (1 or trials, m, k), decorrelated where the noise is correlated
+    weight: Array  # what whitens a row of it, (1 or trials, m)
     whitened: Array  # whitened residual, (trials, m)
     prior: Array  # whitened μ − x, (trials, b)
 
@@ -60,6 +63,7 @@ class System:
         with np.errstate(all="ignore"):
             residual, jacobian = problem.linearise(start)
         leads = [a.shape[:-1] for a in (start, residual, *(target for _, target in rows))]
+        leads.append(jacobian.shape[:-2])
         if any(len(lead) > 1 for lead in leads):
             raise InputError("only one leading axis, of trials, is possible")
         try:
@@ -86,6 +90,10 @@ class System:
         self.start = np.broadcast_to(start, (self.trials, p))
         self._constant = None if callable(problem.noise) else self._whitener(problem.noise)
         self.first = self.point(self.start, *self._with_trials(residual, jacobian))
+        # What is known of the nuisances alone, for the judgement of what the data see.
+        known = [prior.marginal(problem.nuisances) for prior in problem.priors]
+        nuisance = [prior.rows(problem.names)[0] for prior in known if prior]
+        self.nuisance_rows = np.concatenate([np.zeros((0, p)), *nuisance])
 
     @property
     def free(self) -> int:
@@ -98,7 +106,7 @@ class System:
         return self._constant is not None
 
     def evaluate(self, x: Array) -> tuple[Array, Array]:
-        """Return residual (trials, m) and Jacobian (trials, m, p) at x (trials, p)."""
+        """Return residual (trials, m) and Jacobian (1 or trials, m, p) at x (trials, p)."""
         # Far from the solution a model may overflow; such a point is refused by its cost.
         with np.errstate(all="ignore"):
             residual, jacobian = self.problem.linearise(x[0] if self.single else x)
@@ -116,7 +124,6 @@ class System:
         else:
             # The rows stay as they are: in a large batch another copy costs as much as the model.
             weight, whitened = inverse, inverse * residual
-        weight = np.broadcast_to(weight, whitened.shape)
         prior = self.prior_target - x @ self.prior_full.T
         return Point(x, residual, rows, weight, whitened, prior)
 
@@ -128,11 +135,8 @@ class System:
         return self._whitener(self.problem.noise(x[0] if self.single else x))
 
     def _with_trials(self, residual: Array, jacobian: Array) -> tuple[Array, Array]:
-        shape = (self.trials, self.m)
-        return (
-            np.broadcast_to(residual, shape),
-            np.broadcast_to(jacobian, (*shape, jacobian.shape[-1])),
-        )
+        residual = np.broadcast_to(residual, (self.trials, self.m))
+        return residual, jacobian if jacobian.ndim == 3 else jacobian[None]
 
     def _whitener(self, noise: Array) -> Whitener:
         m, leads = self.m, ((), (1,), (self.trials,))

@@ -152,6 +152,10 @@ def repeated(recording: Recording, where: Where) -> _Checked:
     same = (before.data == after.data).all(axis=1)
     if before.labels is not None and after.labels is not None:
         same &= before.labels == after.labels
+    if before.temperature is not None and after.temperature is not None:
+        same &= before.temperature == after.temperature
+    for name in recording.readback:
+        same &= before.readback[name] == after.readback[name]
     if not same.all():
         first = int(same_time[np.argmin(same)])
         text = (

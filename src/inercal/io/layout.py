@@ -12,6 +12,7 @@ from itertools import islice
 from pathlib import Path
 
 from inercal.errors import InputError
+from inercal.io.table import refuse_too_many
 
 COMMENTS = "#%"
 _LOOKED_AT = 50  # lines of data; enough to meet a decimal comma
@@ -57,7 +58,8 @@ class Layout:
 
     def content(self, line: str) -> str:
         """Return a line without its comment and the white space around it."""
-        return line.partition(self.comment)[0].strip(" \r\n" if self.delimiter == "\t" else None)
+        kept = " \r\n" if self.delimiter == "\t" else None
+        return _uncommented(line, self.comment).strip(kept)
 
     def cells(self, line: str) -> list[str]:
         """Return the entries of a line."""
@@ -79,6 +81,8 @@ def sniff(path: Path) -> Layout:
     heading, rows, title = _first_lines(path)
     sample = rows[min(1, len(rows) - 1)][1]
     delimiter = next((d for d in (";", "\t", ",") if d in sample), None)
+    for _, text in rows:  # before a million short strings are kept
+        refuse_too_many(len(text.split(delimiter)), path.name)
     table = [split(text, delimiter) for _, text in rows]
     decimal_comma = delimiter in (";", "\t") and _has_decimal_comma(table)
 
@@ -135,15 +139,20 @@ def _first_lines(path: Path) -> tuple[list[str], list[tuple[int, str]], str]:
         title = ""
         for number, title in content:
             if title[0] not in COMMENTS:
-                rows.append((number, title.partition(_comment(heading))[0]))
+                rows.append((number, _uncommented(title, _comment(heading))))
                 break
             heading.append(title)
         comment = _comment(heading)
-        data = ((k, line.partition(comment)[0]) for k, line in content if line[0] not in COMMENTS)
+        data = ((k, _uncommented(line, comment)) for k, line in content if line[0] not in COMMENTS)
         rows.extend(islice(data, _LOOKED_AT))
     if not rows:
         raise InputError(f"{path.name} has comments only and no data")
     return heading, rows, title
+
+
+def _uncommented(line: str, comment: str) -> str:
+    # In a line with quotation marks a # is more likely part of a label.
+    return line if '"' in line else line.partition(comment)[0]
 
 
 def _comment(heading: list[str]) -> str:

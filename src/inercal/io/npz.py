@@ -1,5 +1,6 @@
 """NumPy archives: one array a column, or one array "data" with its "columns"."""
 
+import struct
 import zipfile
 import zlib
 from collections.abc import Collection
@@ -12,7 +13,18 @@ from numpy.typing import NDArray
 from inercal.errors import InputError
 from inercal.io.table import Column, Table, as_labels, sha256_of, shortened, wanted_columns
 
-_DAMAGED = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, MemoryError)
+# What the standard library and NumPy raise on archives whose bytes were changed.
+_DAMAGED = (
+    zipfile.BadZipFile,
+    zlib.error,
+    struct.error,
+    EOFError,
+    ValueError,
+    RuntimeError,
+    OverflowError,
+    MemoryError,
+    OSError,
+)
 
 
 def read_npz(
@@ -34,13 +46,17 @@ def read_npz(
     OSError
         The file cannot be read.
     """
-    if not zipfile.is_zipfile(path):
-        raise InputError(f"{path.name} is not a .npz archive, or it is cut off: save it again")
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            names, arrays = _arrays(archive, wanted, path.name)
-    except _DAMAGED as error:
-        raise InputError(f"{path.name} is damaged: {shortened(str(error), 120)}") from error
+    # NumPy would leave a file that it opened itself open after an error.
+    with path.open("rb") as file:
+        try:
+            zipfile.ZipFile(file).close()
+            file.seek(0)
+            with np.load(file, allow_pickle=False) as archive:
+                names, arrays = _arrays(archive, wanted, path.name)
+        except _DAMAGED as error:
+            raise InputError(
+                f"{path.name} is no .npz archive or is damaged: {shortened(str(error), 120)}"
+            ) from error
     columns = {name: _column(a, name, name in text, path.name) for name, a in arrays.items()}
     lengths = {name: column.size for name, column in columns.items()}
     if len(set(lengths.values())) > 1:

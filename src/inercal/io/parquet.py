@@ -30,15 +30,15 @@ def read_parquet(
     """
     pyarrow = _pyarrow()
     try:
-        with pyarrow.parquet.ParquetFile(path) as file:
+        with pyarrow.parquet.ParquetFile(path, page_checksum_verification=True) as file:
             names = tuple(str(name) for name in file.schema_arrow.names)
             chosen = wanted_columns(names, wanted, path.name)
             table = file.read(columns=chosen)
-    except (pyarrow.ArrowException, OSError) as error:
+        columns = {k: _column(table.column(k), k, k in text, path.name) for k in chosen}
+    except (pyarrow.ArrowException, OSError, ValueError, MemoryError, OverflowError) as error:
         raise InputError(f"{path.name} is damaged: {shortened(str(error), 120)}") from error
     if table.num_rows == 0:
         raise InputError(f"{path.name} has no rows")
-    columns = {name: _column(table.column(name), name, name in text, path.name) for name in chosen}
     return Table(names, columns, path.name, sha256_of(path), 0, header=True)
 
 
@@ -53,7 +53,7 @@ def write_parquet(path: Path, columns: dict[str, Column]) -> None:
     pyarrow = _pyarrow()
     # Text goes over as a list: pyarrow does not take NumPy's fixed-width strings.
     arrays = {k: c.tolist() if c.dtype.kind == "U" else c for k, c in columns.items()}
-    pyarrow.parquet.write_table(pyarrow.table(arrays), path)
+    pyarrow.parquet.write_table(pyarrow.table(arrays), path, write_page_checksum=True)
 
 
 def _pyarrow() -> Any:

@@ -109,9 +109,11 @@ def read_table(
         One line: what is wrong, where, and what is possible.
     """
     path = Path(path)
-    if path.is_dir():
-        raise InputError(f"{path} is a folder; name a file in it")
     try:
+        if path.is_dir():
+            raise InputError(f"{path} is a folder; name a file in it")
+        if path.exists() and not path.is_file():
+            raise InputError(f"{path} is no regular file; it is read more than once")
         with path.open("rb") as file:
             head = file.read(4)
         if head.startswith(_GZIP):

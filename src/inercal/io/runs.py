@@ -66,7 +66,8 @@ def stuck(x: Array, known: Indices) -> Indices:
         Ranges to leave out: those at the rails.
     """
     runs = _runs(x)
-    railed = np.isin(runs.start, known[:, 0]) if known.size else np.zeros(runs.start.size, np.bool_)
+    opened, closed = (np.searchsorted(known[:, k], runs.start, side="right") for k in (0, 1))
+    railed = opened > closed
     lengths = np.sort(runs.length[~railed])
     jump = np.flatnonzero((lengths[1:] >= _STANDS_OUT * lengths[:-1]) & (lengths[1:] >= _STUCK))
     if not jump.size:

@@ -12,7 +12,7 @@ import numpy as np
 
 from inercal.errors import InputError
 
-BLOCK = 1 << 24  # bytes
+BLOCK = 1 << 22  # bytes
 LONGEST_LINE = 1_000_000  # bytes
 _UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 

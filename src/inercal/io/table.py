@@ -67,12 +67,9 @@ def wanted_columns(names: Sequence[str], wanted: Collection[str] | None, source:
     Raises
     ------
     InputError
-        Two columns of one name, or a wanted column that the file lacks.
+        Too many columns, two of one name, or a wanted column that the file lacks.
     """
-    if len(names) > MOST_COLUMNS:
-        raise InputError(
-            f"{source} has {len(names)} columns; at most {MOST_COLUMNS} are read: one sample a row"
-        )
+    refuse_too_many(len(names), source)
     for name, count in Counter(names).items():
         if count > 1:
             raise InputError(
@@ -84,6 +81,14 @@ def wanted_columns(names: Sequence[str], wanted: Collection[str] | None, source:
         if name not in names:
             raise InputError(f"{source} has no column {name!r}; {_suggest(name, names)}")
     return list(dict.fromkeys(wanted))
+
+
+def refuse_too_many(columns: int, source: str) -> None:
+    """Raise InputError for more columns than any recording has."""
+    if columns > MOST_COLUMNS:
+        raise InputError(
+            f"{source} has {columns} columns; at most {MOST_COLUMNS} are read: one sample a row"
+        )
 
 
 def _suggest(name: str, names: Sequence[str]) -> str:
@@ -107,20 +112,13 @@ def as_labels(values: Sequence[str], column: str, source: str) -> NDArray[np.str
     Raises
     ------
     InputError
-        An entry too long for a label (NumPy gives every row the width of the longest), or one
-        that runs over a line's end.
+        An entry too long for a label: NumPy gives every row the width of the longest.
     """
     longest = max(values, key=len, default="")
     if len(longest) > LONGEST_LABEL:
         raise InputError(
             f"{source}: column {column!r} has a text of {len(longest)} characters "
             f"({shortened(longest)}); labels have at most {LONGEST_LABEL}"
-        )
-    broken = next((value for value in values if "\n" in value), None)
-    if broken is not None:
-        raise InputError(
-            f"{source}: column {column!r} has a text over several lines ({shortened(broken)}); "
-            "is a quotation mark left open?"
         )
     return np.array(values, dtype=np.str_)
 

@@ -60,6 +60,8 @@ def read_text(
         )
     # Comments and blank lines amid the data put rows out of step with lines.
     in_step = layout.first_line + rows.size - 1 == found.lines
+    if not in_step:
+        _refuse_swallowed_lines(path, layout, rows.size)
     first_line = layout.first_line if in_step else 0
     return Table(layout.names, read, path.name, found.sha256, first_line, layout.header)
 
@@ -155,6 +157,16 @@ def _only_empty_cells(
                         f"{shortened(cells[k])!r} is not a number"
                     )
     return empty
+
+
+def _refuse_swallowed_lines(path: Path, layout: Layout, rows: int) -> None:
+    """Raise InputError where an open quotation mark has made one row of several lines."""
+    with path.open(encoding="utf-8-sig") as file:
+        lines = sum(bool(layout.content(k)) for k in islice(file, layout.first_line - 1, None))
+    if lines != rows:
+        raise InputError(
+            f"{path.name}: {lines} lines of data make {rows} rows; is a quotation mark left open?"
+        )
 
 
 def _advice(layout: Layout, line: int, last_line: int, found: int) -> str:

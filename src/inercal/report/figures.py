@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from inercal.estimate import Estimate
 from inercal.pipeline import Outcome
 from inercal.report import drawing
-from inercal.report.drawing import AXES, BAND, FAINT, INK, MINUS, PAPER, PLUS, SHAPES, svg
+from inercal.report.drawing import AXES, BAND, FAINT, INK, MINUS, PAPER, PLUS, SHAPES, X, Y, Z, svg
 
 Array = NDArray[np.float64]
 KINDS = {"f": ("Accelerometers", "µg", 9.80665e-6), "w": ("Gyros", "°/h", np.pi / 648_000)}
 _BAND = 2.0  # standard deviations
+_MARKERS = (*SHAPES, "D", "v", "P", "X", "*")
 _FEW = 14  # so many coefficients leave room for numbers in their cells
 
 
@@ -64,20 +65,20 @@ def departures(pulls: Mapping[str, Sequence[tuple[str, float]]]) -> Markup:
     figure = Figure(figsize=(9.0, 2.4), layout="constrained")
     axes = figure.subplots()
     _band(axes, table)
+    place = np.full(table.shape, np.nan)
     for row, found in enumerate(pulls.values()):
         across = np.linspace(-0.3, 0.3, len(found)) if len(found) > 1 else np.zeros(1)
-        for x, (name, pull) in zip(row + across, found, strict=True):
-            k = _component(name)
-            axes.plot(x, pull, SHAPES[k], ms=4.5, mfc=AXES[k], mec=PAPER, mew=0.4)
-            axes.annotate(name, (x, pull), (0, 5 if pull >= 0 else -5), textcoords="offset points",
-                          ha="center", va="bottom" if pull >= 0 else "top", fontsize=6)  # fmt: skip
+        place[row, [names.index(name) for name, _ in found]] = row + across
+    families = list(dict.fromkeys(name.rstrip("12") for name in names))
+    for k, name in enumerate(names):
+        shape = _MARKERS[families.index(name.rstrip("12")) % len(_MARKERS)]
+        colour = {"1": X, "2": Y}.get(name[-1], Z)
+        axes.plot(place[:, k], table[:, k], shape, ms=4.5, mfc=colour, mec=PAPER, mew=0.4,
+                  ls="none", label=name)  # fmt: skip
     drawing.name_positions(axes, list(pulls))
     axes.set_ylabel("standard deviations")
+    axes.legend(loc="lower right", bbox_to_anchor=(1.01, 0.99), ncols=len(names), borderpad=0)
     return svg(figure, "departures", "What the fit found about the bench, against what was stated")
-
-
-def _component(name: str) -> int:
-    return {"1": 0, "2": 1}.get(name[-1], 2)
 
 
 def _dots(axes: Axes, values: Array, names: Sequence[str], *, band: bool) -> None:

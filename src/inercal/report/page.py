@@ -135,13 +135,16 @@ def facts(outcome: Outcome) -> list[tuple[str, str]]:
 
 
 def sections(outcome: Outcome, found: Sequence[Attitude]) -> list[Section]:
-    """Return the rows of the table of positions and turns."""
+    """Return the rows of the table of positions and turns.
+
+    The axis of a turn has no angle here: the gyros' misalignments were found from it.
+    """
     observed = outcome.observations
     return [
         Section(
             attitude.step.label,
             attitude.step.in_words().replace("-", "−"),
-            f"{degrees(attitude.off):.2f}",
+            f"{degrees(attitude.off):.2f}" if isinstance(attitude.step, Hold) else "",
             f"{seconds:.2f}",
             str(samples),
         )

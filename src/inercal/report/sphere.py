@@ -97,7 +97,7 @@ def sphere(found: list[Attitude], side: int) -> Markup:
             continue
         if isinstance(attitude.step, Hold):
             axes.plot(x, y, "o", ms=6, mfc=Z, mec=PAPER, mew=0.6)
-            axes.annotate(attitude.step.label, (x, y), (0, 6), textcoords="offset points",
+            axes.annotate(attitude.step.label, (x, y), (0, 7), textcoords="offset points",
                           ha="center", color=INK)  # fmt: skip
         else:
             _turn(axes, attitude, attitude.step.angle, screen)

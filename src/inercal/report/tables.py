@@ -28,6 +28,7 @@ class CoefficientRow:
 
     name: str
     symbol: str
+    index: str
     meaning: str
     value: str
     expanded: str
@@ -83,12 +84,14 @@ def _row(outcome: Outcome, name: str, truth: Mapping[str, float] | None) -> Coef
     line = calibration.sensor.coefficient(name)
     value, sd = calibration.value(name), calibration.uncertainty(name)
     shown, expanded = digits(value / line.si, COVERAGE * sd / line.si)
+    symbol, _, index = line.symbol.partition("_")
     error = float("nan")
     if truth is not None and sd > 0:
         error = (value - truth.get(name, 0.0)) / sd
     return CoefficientRow(
         name,
-        line.symbol,
+        symbol,
+        index,
         line.meaning,
         minus(shown),
         expanded,
@@ -157,7 +160,7 @@ def _by_label(
         parameter = known.get(next(name for name in names if name.startswith(f"{short}[")))
         unit, si = _SHOWN["m/s²" if parameter is None else parameter.unit]
         stated = "free" if parameter is None else f"stated {minus(_stated(parameter, si))}"
-        heads.append(f"{short}, {unit} ({stated})")
+        heads.append(f"{short}, {unit}\n{stated}")
         for label in labels:
             k = estimate.names.index(f"{short}[{label}]")
             shown = digits(estimate.value[k] / si, estimate.std[k] / si)
@@ -188,11 +191,13 @@ def matrix(outcome: Outcome) -> Grid | None:
     if not sensor.affine:
         return None
     slope, offset = calibration.linear()
+    rounding = 1e-14 * float(np.abs(slope).max())
     kinds = [kind for kind in "fw" if any(axis.measures == kind for axis in sensor.axes)]
+    # Plain minus signs: these numbers are there to be copied.
     felt = [f"{kind}_{a}" for kind in kinds for a in "xyz"]
     rows = [
-        (name, tuple(minus(f"{x:.7g}") if abs(x) > 1e-14 else "0" for x in row))
+        (name, tuple(f"{x:.7g}" if abs(x) > rounding else "0" for x in row))
         for name, row in zip(felt, slope, strict=True)
     ]
-    rows.append(("o", tuple(minus(f"{x:.7g}") for x in offset)))
+    rows.append(("o", tuple(f"{x:.7g}" for x in offset)))
     return Grid("", sensor.channels, tuple(rows))

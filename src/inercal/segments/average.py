@@ -15,7 +15,7 @@ from inercal.errors import InputError
 from inercal.plan import Hold, Step, Turn
 from inercal.recording import Mark, Observations, Recording
 from inercal.sensors import Sensor
-from inercal.uncertainty import pooled_mean_covariance
+from inercal.uncertainty import pooled_mean_covariances
 
 Array = NDArray[np.float64]
 MIN_SAMPLES = 20  # fewer leave no batches to judge the noise by
@@ -58,18 +58,19 @@ def observe(
     if not holds:
         raise InputError(f"{recording.source}: no position at rest is marked")
     samples = np.array([section.shape[-2] for section in sections])
-    pooled = pooled_mean_covariance(holds, samples)
+    of_holds, dof = pooled_mean_covariances(holds)
+    density = of_holds[0] * holds[0].shape[-2]
     floor = np.array([2 * log(2) / pi * axis.noise.bias_instability**2 for axis in sensor.axes])
     starts = np.array([by_label[step.label].start for step in used])
     return Observations(
         labels=tuple(step.label for step in used),
         mean=np.stack([section.mean(axis=-2) for section in sections], axis=-2),
-        covariance=pooled.covariance + np.diag(floor),
+        covariance=density[..., None, :, :] / samples[:, None, None] + np.diag(floor),
         duration=samples * recording.median_step,
         samples=samples,
         time=recording.time[starts] + 0.5 * samples * recording.median_step,
         channels=sensor.channels,
-        dof=pooled.dof,
+        dof=dof,
     )
 
 

@@ -3,7 +3,7 @@
 from inercal.sensors.catalogue import cluster, imu, pair, single, triad
 from inercal.sensors.inverse import inverse
 from inercal.sensors.noise import Noise
-from inercal.sensors.sensor import Axis, Readout, Sensor
+from inercal.sensors.sensor import Axis, Form, Readout, Sensor
 from inercal.sensors.tables import ACCELEROMETER, G0, GROUPS, GYRO, SI_UNITS, TABLES, Coefficient
 
 __all__ = [
@@ -15,6 +15,7 @@ __all__ = [
     "TABLES",
     "Axis",
     "Coefficient",
+    "Form",
     "Noise",
     "Readout",
     "Sensor",

@@ -85,7 +85,7 @@ def pooled_mean_covariances(sections: Sequence[Array]) -> tuple[list[Array], flo
         dof += batches - 1
     if dof < m:
         raise InputError(
-            f"{sum(s.shape[-2] for s in sections)} samples in {len(sections)} sections leave {dof}"
+            f"{sum(s.shape[-2] for s in sections)} samples about {len(sections)} means leave {dof}"
             f" degrees of freedom; a covariance of {m} channels needs at least {m}"
         )
     return [total / (dof * section.shape[-2]) for section in sections], float(dof)

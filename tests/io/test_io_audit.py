@@ -1,0 +1,250 @@
+"""The audit: what it refuses, warns of, notes, and what it lets pass."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inercal.errors import InputError
+from inercal.io.audit import accept, audit
+from inercal.io.read import Columns, read_recording
+from inercal.io.rest import audit_rest_norm
+from inercal.recording import Finding, Recording
+
+G0 = 9.80665
+
+
+def recording(n: int = 1000, **changes: object) -> Recording:
+    rng = np.random.default_rng(3)
+    made = Recording(
+        time=np.arange(n) / 100,
+        data=rng.normal(size=(n, 2)),
+        channels=("x", "y"),
+        units=("g", "g"),
+        source="run.csv",
+        first_row=2,
+    )
+    return dataclasses.replace(made, **changes)  # type: ignore[arg-type]
+
+
+def kinds(audited: Recording) -> list[tuple[str, str]]:
+    return [(f.severity, f.what) for f in audited.findings]
+
+
+def only(audited: Recording) -> Finding:
+    (finding,) = audited.findings
+    return finding
+
+
+def test_a_clean_recording_has_no_findings_and_is_accepted():
+    audited = audit(recording())
+    assert audited.findings == ()
+    assert accept(audited) is audited
+
+
+def test_rows_without_numbers_are_refused_or_dropped():
+    made = recording()
+    made.data[[5, 6, 40], 1] = [np.nan, np.inf, np.nan]
+    refused = audit(made)
+    assert only(refused) == Finding(
+        "refused",
+        "nonfinite",
+        "3 rows without a finite number, the first y at line 7: remove them, or state "
+        'nonfinite = "drop"',
+        "y",
+        5,
+        6,
+    )
+    with pytest.raises(InputError, match=r"^run\.csv: 3 rows"):
+        accept(refused)
+    dropped = accept(audit(made, nonfinite="drop"))
+    assert dropped.time.size == 997
+    assert dropped.first_row == 0
+    assert kinds(dropped) == [("warning", "nonfinite"), ("note", "gap")]
+    assert dropped.findings[1].message == (
+        "2 gaps, 0.03 s lost in all, 0.02 s in the longest, after sample 4 (0.04 s)"
+    )
+
+
+def test_nothing_but_missing_numbers_is_refused_even_when_dropped():
+    made = recording(data=np.full((1000, 2), np.nan))
+    assert kinds(audit(made, nonfinite="drop")) == [("refused", "nonfinite")]
+
+
+def test_time_that_goes_back_is_refused_with_its_line():
+    time = np.arange(1000) / 100
+    time[500:] -= 2.5
+    assert only(audit(recording(time=time))).message == (
+        "time goes back by 2.49 s at line 502: was the clock reset, or are two files joined? "
+        "Split the file there"
+    )
+
+
+def test_lines_stay_right_after_rows_were_dropped():
+    time = np.arange(1000) / 100
+    time[500:] -= 2.5
+    time[3] = np.nan
+    refused = audit(recording(time=time), nonfinite="drop").findings[-1]
+    assert "at line 502" in refused.message
+
+
+def test_sections_stored_by_label_are_put_in_the_order_of_time():
+    labels = np.repeat(["b", "c", "a"], [300, 300, 400])
+    time = np.concatenate([np.arange(300, 600), np.arange(700, 1000), np.arange(-100, 300)]) / 100
+    audited = audit(recording(time=time, labels=labels, readback={"t": time}))
+    assert kinds(audited) == [("note", "order"), ("note", "gap")]
+    assert (np.diff(audited.time) > 0).all()
+    assert audited.labels is not None
+    assert audited.labels[[0, 400, 700]].tolist() == ["a", "b", "c"]
+    np.testing.assert_array_equal(audited.readback["t"], audited.time)
+
+
+def test_labelled_sections_of_one_clock_that_overlap_are_refused():
+    labels = np.repeat(["a", "b"], 500)
+    time = np.tile(np.arange(500), 2) / 100
+    later = time + 1e-4 * (labels == "b")
+    assert kinds(audit(recording(time=later, labels=labels))) == [("refused", "order")]
+    assert kinds(audit(recording(time=time, labels=labels))) == [("refused", "order")]
+
+
+def test_repeated_rows_are_dropped_with_a_note():
+    made = recording()
+    rows = np.sort(np.r_[np.arange(1000), 10, 10, 50])
+    audited = audit(dataclasses.replace(made.take(rows), first_row=2))
+    assert only(audited).message == "3 rows repeated, the first at line 13: dropped"
+    np.testing.assert_array_equal(audited.data, made.data)
+
+
+def test_two_readings_of_one_time_are_refused():
+    time = np.floor(np.arange(1000) / 2) / 100
+    assert only(audit(recording(time=time))).message.startswith(
+        "500 rows with the time of the row before and other readings, the first at line 3"
+    )
+
+
+@pytest.mark.parametrize("lost", [0.02, 5.0])
+def test_gaps_are_a_note_while_they_lose_less_than_a_hundredth(lost: float):
+    time = np.arange(1000) / 100
+    time[500:] += lost
+    finding = only(audit(recording(time=time)))
+    assert finding.severity == ("note" if lost < 0.1 else "warning")
+    assert (finding.what, finding.start, finding.stop) == ("gap", 499, 501)
+    assert f"1 gap, {lost:g} s lost in all, after sample 499 (4.99 s)" == finding.message
+
+
+def test_gaps_between_labelled_sections_are_a_note_however_long():
+    time = np.arange(1000) / 100
+    time[500:] += 60
+    audited = audit(recording(time=time, labels=np.repeat(["a", "b"], 500)))
+    assert kinds(audited) == [("note", "gap")]
+
+
+def test_jitter_is_noted_with_its_size():
+    time = np.arange(1000) / 100 + np.random.default_rng(0).normal(scale=1e-4, size=1000)
+    finding = only(audit(recording(time=time)))
+    assert finding.what == "jitter"
+    assert "vary by 0.000138 s rms about 0.0100" in finding.message
+
+
+def test_saturation_is_a_warning_with_its_samples():
+    made = recording()
+    made.data[:, 0] *= 3
+    made.data[200:260, 0] = 20.0
+    made.data[270:300, 0] = 20.0
+    finding = only(audit(made))
+    assert finding.severity == "warning"
+    assert (finding.what, finding.channel, finding.start, finding.stop) == (
+        "saturation",
+        "x",
+        200,
+        300,
+    )
+    assert finding.message == "x is at the end of its range in samples 200 to 299 (2 s to 2.99 s)"
+
+
+def test_stated_limits_decide_alone():
+    made = recording()
+    made.data[200:260, 0] = 20.0
+    assert kinds(audit(made, limits={"x": (-30.0, 30.0)})) == [("warning", "stuck")]
+    made.data[:, 0] = np.linspace(0, 20, 1000)
+    finding = only(audit(made, limits={"x": (-20.0, 20.0)}))
+    assert (finding.what, finding.start, finding.stop) == ("saturation", 999, 1000)
+    with pytest.raises(InputError, match="limits for 'q'; channels are x, y"):
+        audit(made, limits={"q": (-1.0, 1.0)})
+
+
+def test_a_channel_that_never_changes_is_refused():
+    made = recording()
+    made.data[:, 1] = 2.5
+    assert only(audit(made)).message.startswith("y reads 2.5 throughout: is it connected")
+
+
+def test_a_single_sample_and_trials_are_refused():
+    assert kinds(audit(recording(1))) == [("refused", "order")]
+    with pytest.raises(InputError, match="without an axis of trials"):
+        audit(recording(data=np.zeros((3, 1000, 2))))
+
+
+@pytest.mark.parametrize(
+    ("declared", "ratio", "severity", "words"),
+    [
+        ("right", 1.0, None, ""),
+        ("a scale error of 7 %", 1.07, None, ""),
+        ("a scale error of 29 %", 1.29, "warning", "is the nominal scale right?"),
+        ("g as m/s²", 1 / G0, "refused", "look like g declared as m/s²"),
+        ("m/s² as g", G0, "refused", "look like m/s² declared as g"),
+        ("mg as g", 1000.0, "refused", "look like mg declared as g"),
+        ("g as mg", 0.001, "refused", "look like g declared as mg"),
+        ("counts", 16384.0, "refused", "check the units"),
+    ],
+)
+def test_units_are_judged_by_gravity_at_rest(
+    declared: str, ratio: float, severity: str | None, words: str
+):
+    made = recording(6000)
+    rng = np.random.default_rng(5)
+    norm = 9.81 + rng.normal(scale=0.02, size=6000)
+    norm[1000:4000] += rng.normal(scale=5, size=3000)  # turned by hand
+    findings = audit_rest_norm(made, norm * ratio, 9.81).findings
+    assert [f.severity for f in findings] == ([] if severity is None else [severity]), declared
+    assert all(words in f.message for f in findings)
+
+
+AXES = ("ax", "ay", "az", "gx", "gy", "gz")
+IMUCAL = tuple((a, f"{'acc' if a[0] == 'a' else 'gyr'}_{a[1]}", "LSB") for a in AXES)
+XSENS = tuple((axis, str(k), "LSB") for k, axis in enumerate("xyz", 2))
+REAL = {
+    "ferraris_imucal/annotated_session.csv": Columns(
+        IMUCAL, time="samples", time_unit="sample", rate_hz=204.8, label="part"
+    ),
+    "ferraris_imucal/example_ferraris_session.csv": Columns(
+        IMUCAL, time="n_samples", time_unit="sample", rate_hz=102.4
+    ),
+    "mpu9150_multiposition/imu0.log": Columns(
+        tuple((a, str(k), "m/s²" if a[0] == "a" else "rad/s") for k, a in enumerate(AXES, 1)),
+        rate_hz=100,
+    ),
+    "xsens_mti_multiposition/xsens_acc.mat": Columns(XSENS, time="1"),
+    "xsens_mti_multiposition/xsens_gyro.mat": Columns(XSENS, time="1"),
+}
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_real_recordings_raise_no_false_alarm(data_dir: Path, name: str):
+    read = read_recording(data_dir / name, REAL[name])
+    assert {finding.severity for finding in read.findings} <= {"note"}
+
+
+def test_the_annotated_session_is_one_recording_once_in_order(data_dir: Path):
+    name = "ferraris_imucal/annotated_session.csv"
+    read = read_recording(data_dir / name, REAL[name])
+    np.testing.assert_allclose(np.diff(read.time) * 204.8, 1)
+    assert read.labels is not None
+    assert read.labels[[0, 1500, 5000, 6000, -1]].tolist() == [
+        "x_p",
+        "x_a",
+        "z_a",
+        "x_rot",
+        "z_rot",
+    ]

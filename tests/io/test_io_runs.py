@@ -1,0 +1,79 @@
+import numpy as np
+import pytest
+
+from inercal.io.runs import at_rails, beyond, joined, stuck
+from inercal.recording import Array
+
+NONE = np.zeros((0, 2), dtype=np.int64)
+RNG = np.random.default_rng(7)
+
+
+def clipped(step: float) -> Array:
+    """Return a sine of amplitude 12 cut at ±10, with noise before the cut, rounded to `step`."""
+    t = np.arange(2000.0)
+    x = 12 * np.sin(2 * np.pi * t / 500) + RNG.normal(scale=0.05, size=t.size)
+    return np.clip(np.round(x / step) * step, -10.0, 10.0)
+
+
+@pytest.mark.parametrize("step", [1e-6, 0.01, 0.1])
+def test_a_clipped_sine_is_at_its_rails_eight_times(step: float):
+    x = clipped(step)
+    ranges = joined(at_rails(x), apart=20)
+    assert len(ranges) == 8
+    for start, stop in ranges:
+        assert 80 < stop - start < 110
+    assert np.abs(x[np.r_[tuple(slice(*r) for r in ranges)]]).mean() > 9.9
+
+
+def test_a_sine_that_just_reaches_its_peak_is_not_at_a_rail():
+    t = np.arange(2000.0)
+    x = np.asarray(np.round(1000 * np.sin(2 * np.pi * t / 500)), dtype=np.float64)
+    assert at_rails(x).size == 0
+
+
+@pytest.mark.parametrize("noise", [0.05, 0.1, 0.3, 1.0])
+@pytest.mark.parametrize("mean", [0.0, 0.25, 0.5, 0.9])
+def test_a_coarsely_quantised_sensor_at_rest_is_neither_at_a_rail_nor_stuck(
+    noise: float, mean: float
+):
+    x = np.round(mean + RNG.normal(scale=noise, size=20_000))
+    assert at_rails(x).size == 0
+    if np.ptp(x) > 0:
+        assert stuck(x, NONE).size == 0
+
+
+def test_a_coarse_sensor_turned_to_six_positions_is_not_at_a_rail():
+    positions = [64.2, -63.7, 0.3, -0.1, 0.4, -0.4]  # ±1 g at 64 LSB/g
+    x = np.concatenate([m + RNG.normal(scale=0.2, size=3000) for m in positions])
+    assert at_rails(np.round(x)).size == 0
+
+
+def test_a_single_sample_at_the_stated_end_of_range_counts():
+    x = np.array([0.0, 1, 2, 1, 0, -2, -2, 0])
+    assert beyond(x, -2, 2).tolist() == [[2, 3], [5, 7]]
+
+
+def test_a_reading_held_far_longer_than_usual_is_stuck():
+    x = np.round(RNG.normal(scale=3, size=20_000))
+    x[5000:5400] = x[5000]
+    found = stuck(x, NONE)
+    assert len(found) == 1
+    assert abs(found[0] - [5000, 5400]).max() <= 2
+
+
+def test_an_unquantised_reading_held_twice_is_stuck_twice():
+    x = RNG.normal(size=20_000)
+    x[100:180], x[900:1200] = x[100], x[900]
+    assert stuck(x, NONE).tolist() == [[100, 180], [900, 1200]]
+
+
+def test_holds_without_noise_are_how_a_simulated_channel_reads():
+    x = np.repeat(np.arange(12.0), 100)
+    assert at_rails(x).size == 0
+    assert stuck(x, NONE).size == 0
+
+
+def test_neighbouring_ranges_become_one():
+    ranges = np.array([[0, 5], [8, 10], [30, 31]])
+    assert joined(ranges, apart=4) == [(0, 10), (30, 31)]
+    assert joined(NONE, apart=4) == []
