@@ -34,7 +34,8 @@ def vector(
     reading, design, slope = sensor.linearise(motion, c)
     residual = y - reading
     p, q = design.shape[-1], df.shape[-1]
-    jacobian = np.empty((*np.broadcast_shapes(design.shape[:-1], df.shape[:-1]), p + q))
+    rows = np.broadcast_shapes(design.shape[:-2], df.shape[:-2])
+    jacobian = np.empty((*rows, len(sensor.axes), p + q))
     jacobian[..., :p] = design
     jacobian[..., p:] = slope[..., :3] @ df
     if dw is not None:

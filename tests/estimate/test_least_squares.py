@@ -210,8 +210,9 @@ def test_units_do_not_matter():
     assert_allclose(estimate.singular_values, plain.singular_values, rtol=1e-9)
 
 
+@pytest.mark.parametrize("noise", [np.ones(5), 1 + np.eye(5)], ids=["white", "correlated"])
 @pytest.mark.parametrize("trials", [None, 20])
-def test_a_model_that_overflows_on_the_way_is_survived(trials: int | None):
+def test_a_model_that_overflows_on_the_way_is_survived(trials: int | None, noise: Array):
     t = np.linspace(0, 40, 5)
     y = np.exp(0.5 * t)
     seen = []
@@ -222,7 +223,7 @@ def test_a_model_that_overflows_on_the_way_is_survived(trials: int | None):
         return y - h, (t * h)[..., None]
 
     start = np.full((1,) if trials is None else (trials, 1), 0.1)
-    steep = Problem(("rate",), start, linearise, np.ones(5), np.ones(1))
+    steep = Problem(("rate",), start, linearise, noise, np.ones(1))
     estimate = least_squares(steep)
     assert not all(seen)
     assert np.all(estimate.converged)

@@ -119,8 +119,9 @@ class System:
         inverse, full = whitener or self.whitener(x)
         rows = jacobian if self.basis is None else jacobian @ self.basis
         if full:
-            rows, weight = inverse @ rows, np.ones((1, self.m))
-            whitened = (inverse @ residual[..., None])[..., 0]
+            with np.errstate(all="ignore"):
+                rows, weight = inverse @ rows, np.ones((1, self.m))
+                whitened = (inverse @ residual[..., None])[..., 0]
         else:
             # The rows stay as they are: in a large batch another copy costs as much as the model.
             weight, whitened = inverse, inverse * residual

@@ -22,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.benches import Hand
 from inercal.benches.hand import felt
 from inercal.estimate import Estimate
 from inercal.motion import Motion
@@ -39,7 +40,7 @@ class Curvature(NamedTuple):
 
 
 def of_tilts(
-    estimate: Estimate, sensor: Sensor, done: Sequence[Step], durations: Array
+    estimate: Estimate, sensor: Sensor, bench: Hand, done: Sequence[Step], durations: Array
 ) -> Curvature | None:
     """Return the second-order effect at a first-order estimate; None where no tilt is loose.
 
@@ -49,6 +50,8 @@ def of_tilts(
         Of the coefficients and the bench's nuisances.
     sensor : Sensor
         Affine in f and ω.
+    bench : Hand
+        Values of what it knows exactly.
     done : sequence of r Step
     durations : (r,) array
         s.
@@ -61,7 +64,9 @@ def of_tilts(
     if not all(name in estimate.names for pair in names for name in pair):
         return None
     c, lead = estimate.value[..., :p], estimate.value.shape[:-1]
-    q = {name: estimate.value[..., k] for k, name in enumerate(estimate.names)}
+    declared = bench.nuisances(done, rates=True)
+    q = {name: np.array(parameter.value) for name, parameter in declared.items()}
+    q |= {name: estimate.value[..., k] for k, name in enumerate(estimate.names)}
     index = np.array([[estimate.names.index(name) for name in pair] for pair in names])
     slope = sensor.slope(Motion(np.zeros((1, 3))), c)[..., 0, :, :]
     still = sensor.design(Motion(np.zeros((1, 3))), c)

@@ -58,7 +58,7 @@ def ml(
     missing = [step for step in steps if step.label not in observations.labels]
     try:
         first = least_squares(problem(observations, sensor, bench, done, priors))
-        curvature = of_tilts(first, sensor, done, observations.duration)
+        curvature = of_tilts(first, sensor, bench, done, observations.duration)
         whole = problem(observations, sensor, bench, done, priors, curvature)
         estimate = first if curvature is None else least_squares(whole)
     except NotObserved as error:

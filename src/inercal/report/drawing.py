@@ -3,6 +3,8 @@
 matplotlib knows no CSS variables, so figures are drawn in the stand-in colours below, which no
 figure uses otherwise, and the SVG's text is changed afterwards.
 """
+# matplotlib's stubs leave **kwargs untyped.
+# pyright: reportUnknownMemberType=false
 
 import re
 import warnings

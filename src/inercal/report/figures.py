@@ -1,4 +1,6 @@
 """Residuals, the bench's departures and the correlations, drawn."""
+# matplotlib's stubs leave **kwargs untyped.
+# pyright: reportUnknownMemberType=false
 
 from collections.abc import Mapping, Sequence
 
@@ -18,7 +20,7 @@ from inercal.report.drawing import AXES, BAND, FAINT, INK, MINUS, PAPER, PLUS, S
 Array = NDArray[np.float64]
 KINDS = {"f": ("Accelerometers", "µg", 9.80665e-6), "w": ("Gyros", "°/h", np.pi / 648_000)}
 _BAND = 2.0  # standard deviations
-_MARKERS = (*SHAPES, "D", "v", "P", "X", "*")
+_MARKERS = (*SHAPES, "D", "v", "<", ">")
 _FEW = 14  # so many coefficients leave room for numbers in their cells
 
 
@@ -121,7 +123,8 @@ def correlations(estimate: Estimate) -> Markup:
             strengths.append(min(abs(r), 1.0))
             if p <= _FEW and abs(r) >= 0.05:
                 axes.text(column, row, f"{r:.2f}".replace("-", "−").replace("0.", "."),
-                          ha="center", va="center", fontsize=6)  # fmt: skip
+                          ha="center", va="center", fontsize=6,
+                          color=PAPER if abs(r) > 0.6 else INK)  # fmt: skip
     _squares(axes, cells, colours, strengths)
     axes.scatter(range(p), range(p), s=4, c=FAINT)
     axes.set_xticks(range(p), names, rotation=90, fontsize=7)

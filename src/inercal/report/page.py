@@ -79,6 +79,7 @@ def page(outcome: Outcome, truth: Mapping[str, float] | None) -> str:
         spheres=(sphere(found, 1), sphere(found, -1)),
         sections=sections(outcome, found),
         missing=missing_faces(found),
+        turned=any(not isinstance(step, Hold) for step in outcome.steps),
         traces=None if recording is None else traces(outcome, recording),
         correlations=correlations(estimate) if len(chosen) > 1 else None,
         strongest=tables.strongest(estimate),
@@ -113,23 +114,23 @@ def judge(outcome: Outcome) -> Judgement:
 
 
 def facts(outcome: Outcome) -> list[tuple[str, str]]:
-    """Return the key facts, name and text."""
+    """Return the key facts, name and text of one or two lines."""
     provenance, recording = outcome.calibration.provenance, outcome.recording
     holds = sum(isinstance(step, Hold) for step in outcome.steps)
     turns = len(outcome.steps) - holds
-    result = [("Recording", provenance.get("recording", ""))]
+    digest = provenance.get("recording sha256", "")
+    source = provenance.get("recording", "") + (f"\nSHA-256 {digest[:12]}…" if digest else "")
+    result = [("Recording", source)]
     if recording is None:
         result.append(("Data", "means, read in as a table"))
     else:
         rate = f"{recording.rate_hz:.4g} Hz"
-        size = f"{recording.time.size} samples, {recording.duration:.4g} s at {rate}"
+        size = f"{recording.time.size} samples\n{recording.duration:.4g} s at {rate}"
         result.append(("Data", size))
-    if digest := provenance.get("recording sha256", ""):
-        result.append(("SHA-256", f"{digest[:12]}…"))
     result.append(("Gravity", outcome.calibration.conditions.get("gravity", "")))
     used = f"{holds} position{'s' * (holds != 1)}"
     if turns:
-        used += f", {turns} turn{'s' * (turns != 1)}"
+        used += f"\n{turns} turn{'s' * (turns != 1)}"
     result.append(("Used", used))
     return [(name, text) for name, text in result if text]
 

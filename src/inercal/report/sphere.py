@@ -1,4 +1,6 @@
 """The attitudes that were measured, on a sphere of body directions seen from two sides."""
+# matplotlib's stubs leave **kwargs untyped.
+# pyright: reportUnknownMemberType=false
 
 from dataclasses import dataclass
 from math import acos, cos, degrees, pi, sin
@@ -44,9 +46,7 @@ class Attitude:
 def attitudes(outcome: Outcome) -> list[Attitude]:
     """Return the measured direction of each hold and, where there are gyros, of each turn."""
     calibration = outcome.calibration
-    felt: Motion = calibration.correct(
-        calibration.sensor.to_output(outcome.observations.mean)
-    )
+    felt: Motion = calibration.correct(calibration.sensor.to_output(outcome.observations.mean))
     found: list[Attitude] = []
     for k, step in enumerate(outcome.steps):
         if isinstance(step, Hold):

@@ -2,6 +2,8 @@
 
 Of each stretch of samples the smallest and the largest are drawn, so that no spike is lost.
 """
+# matplotlib's stubs leave **kwargs untyped.
+# pyright: reportUnknownMemberType=false
 
 import numpy as np
 from markupsafe import Markup
@@ -10,7 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from inercal.pipeline import Outcome
-from inercal.recording import Recording
+from inercal.recording import Mark, Recording
 from inercal.report import drawing
 from inercal.report.drawing import AXES, BAND, FAINT, MUTED, WARN, svg
 from inercal.report.figures import KINDS
@@ -79,8 +81,12 @@ def _ranges(spans: list[tuple[int, int]], recording: Recording) -> list[tuple[fl
     ]
 
 
+def _used(outcome: Outcome) -> list[Mark]:
+    return [mark for mark in outcome.marks if mark.label in outcome.observations.labels]
+
+
 def _shade(axes: Axes, outcome: Outcome, recording: Recording) -> None:
-    spans = [(mark.start, mark.stop) for mark in outcome.marks]
+    spans = [(mark.start, mark.stop) for mark in _used(outcome)]
     axes.broken_barh(_ranges(spans, recording), (0, 1), fc=BAND, ec=FAINT, lw=0.5, zorder=0,
                      transform=axes.get_xaxis_transform())  # fmt: skip
 
@@ -99,14 +105,15 @@ def _mark(axes: Axes, outcome: Outcome, recording: Recording, names: list[str]) 
 
 def _name(axes: Axes, outcome: Outcome, recording: Recording) -> None:
     """Write the sections' names above the axes, upright where they would meet."""
-    where = [start + length / 2 for start, length in
-             _ranges([(m.start, m.stop) for m in outcome.marks], recording)]  # fmt: skip
-    if not where:
+    marks = _used(outcome)
+    if not marks:
         return
+    spans = _ranges([(mark.start, mark.stop) for mark in marks], recording)
+    where = [start + length / 2 for start, length in spans]
     inches = 8.2 * np.diff(sorted(where)) / max(recording.duration, 1e-9)
-    longest = max(len(mark.label) for mark in outcome.marks)
+    longest = max(len(mark.label) for mark in marks)
     upright = bool((inches < _LETTER * (longest + 2)).any())
-    for mark, x in zip(outcome.marks, where, strict=True):
+    for mark, x in zip(marks, where, strict=True):
         axes.annotate(mark.label, (x, 0.97), xycoords=axes.get_xaxis_transform(), ha="center",
                       va="top", rotation=90 if upright else 0, fontsize=7, color=MUTED)  # fmt: skip
     low, high = axes.get_ylim()

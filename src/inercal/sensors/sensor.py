@@ -259,7 +259,7 @@ class Sensor:
         felt = np.ones((*shape[:-1], 7))
         felt[..., :3], felt[..., 3:6] = motion.f, motion.w
         m, p = len(self.axes), len(self.coefficients)
-        whole = nominal + (c @ change.reshape(p, -1)).reshape(*c.shape[:-1], m, 7)
+        whole = nominal + (c @ change.reshape(p, m * 7)).reshape(*c.shape[:-1], m, 7)
         reading = felt @ np.swapaxes(whole, -1, -2)
         design = felt @ np.moveaxis(change, -1, 0).swapaxes(-1, -2).reshape(7, m * p)
         return Linearisation(
