@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 import inercal
+from inercal.units import readable
 
 run_file = Path(__file__).parent / "six_position" / "run.toml"
 outcome = inercal.calibrate(run_file)
@@ -12,9 +13,10 @@ for line in outcome.verdict:
     print(line)
 
 calibration = outcome.calibration
-print("bias of x:", calibration.value("ax.k0"), "±", 2 * calibration.uncertainty("ax.k0"), "m/s²")
+expanded = 2 * calibration.uncertainty("ax.k0")
+print("bias of x, k = 2:", readable(calibration.value("ax.k0"), expanded, "mg"))
 inercal.save(calibration, "six_position.calibration.json")
 inercal.write_report(outcome, "six_position.report.html")
 
-readings = np.array([[0.0123, -0.0041, 1.0021]])  # g, as the sensor states them
-print("specific force:", calibration.correct(readings).f, "m/s²")
+readings = np.array([[0.0123, -0.0041, 1.0132]])  # g, as the sensor states them
+print("specific force:", calibration.correct(readings).f.round(4), "m/s²")

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from inercal.calibration.files import load, save
     from inercal.demonstration import demo
     from inercal.pipeline import Outcome, apply, calibrate, simulate
-    from inercal.report import report
+    from inercal.report import write_report
 
 _HOME = {
     "Calibration": "inercal.calibration",
@@ -24,7 +24,7 @@ _HOME = {
     "calibrate": "inercal.pipeline",
     "demo": "inercal.demonstration",
     "load": "inercal.calibration.files",
-    "report": "inercal.report",
+    "write_report": "inercal.report",
     "save": "inercal.calibration.files",
     "simulate": "inercal.pipeline",
 }
@@ -43,7 +43,7 @@ __all__ = [
     "calibrate",
     "demo",
     "load",
-    "report",
+    "write_report",
     "save",
     "simulate",
 ]

@@ -12,7 +12,7 @@ from inercal.errors import InputError
 from inercal.io.atomic import atomic_write
 from inercal.io.write import write_recording
 from inercal.pipeline import Outcome, calibrate, named_as_in, simulate
-from inercal.report import report
+from inercal.report import write_report
 from inercal.runfile import read
 
 
@@ -53,7 +53,7 @@ def demo(folder: str | Path, seed: int = 0) -> Demo:
     write_recording(named_as_in(run, simulate(run, seed)), recording)
     outcome = calibrate(run)
     calibration = save(outcome.calibration, folder / "ferraris.calibration.json")
-    page = report(outcome, folder / "ferraris.report.html", run.truth)
+    page = write_report(outcome, folder / "ferraris.report.html", run.truth)
     names = outcome.calibration.sensor.coefficients
     error = outcome.calibration.values - np.array([run.truth.get(name, 0.0) for name in names])
     nees = float(error @ np.linalg.solve(outcome.calibration.covariance, error)) / len(error)

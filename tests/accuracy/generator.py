@@ -27,8 +27,10 @@ G0 = 9.80665  # m/s², exact (CGPM 1901)
 EARTH = 7.292115e-5  # rad/s, WGS 84
 DEGREE = pi / 180
 POSITIONS = {
-    a + side: sign * np.eye(3)[k] for k, a in enumerate("xyz") for side, sign in (("_p", 1), ("_a", -1))
-}  # fmt: skip
+    a + side: sign * np.eye(3)[k]
+    for k, a in enumerate("xyz")
+    for side, sign in (("_p", 1), ("_a", -1))
+}
 TURNS = {a + "_rot": np.eye(3)[k] for k, a in enumerate("xyz")}
 CHANNELS = ("ax", "ay", "az", "gx", "gy", "gz")
 
@@ -265,10 +267,10 @@ def _stand(in_body: Array, in_space: Array, azimuth: Array) -> Array:
     def triple(v: Array) -> Array:
         first = np.cross(v, np.eye(3)[np.argmin(np.abs(v[0]))])
         first /= np.linalg.norm(first, axis=-1, keepdims=True)
-        return np.stack([first, np.cross(v, first), v], axis=-1)
+        return np.asarray(np.stack([first, np.cross(v, first), v], axis=-1), dtype=float)
 
     about = _exp(np.array([0.0, 0.0, 1.0]) * azimuth[:, None])
-    return triple(in_space) @ about @ np.swapaxes(triple(in_body), -1, -2)
+    return np.einsum("...ij,...jk,...lk->...il", triple(in_space), about, triple(in_body))
 
 
 def _exp(v: Array) -> Array:

@@ -1,13 +1,13 @@
-"""The whole path, from a file and a run file to a calibration, on sessions that inercal has not made."""
+"""The whole path, from files to a calibration, on sessions that inercal has not made."""
 
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.accuracy.generator import DEGREE, G0, Handling, Imu, Made, mems, record
 
 from inercal.pipeline import Outcome, calibrate
-from tests.accuracy.generator import DEGREE, G0, Handling, Imu, Made, mems, record
 
 HANDS = Handling(
     gravity=9.8072,

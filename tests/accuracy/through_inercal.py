@@ -2,6 +2,7 @@
 
 import numpy as np
 from numpy.typing import NDArray
+from tests.accuracy.generator import CHANNELS, Handling, Imu, Made
 
 from inercal.benches import Hand
 from inercal.plan import Hold, Step, Turn
@@ -9,7 +10,6 @@ from inercal.recording import Mark, Observations, Recording
 from inercal.segments import observe
 from inercal.sensors import Sensor
 from inercal.units import Measured
-from tests.accuracy.generator import CHANNELS, Handling, Imu, Made
 
 Array = NDArray[np.float64]
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.accuracy.generator import DEGREE, Handling, Imu, mems, record
+from tests.accuracy.through_inercal import bench, observed, truth
 
 from inercal.estimate import Estimate
 from inercal.methods import METHODS
 from inercal.sensors import imu
-from tests.accuracy.generator import DEGREE, Handling, Imu, mems, record
-from tests.accuracy.through_inercal import bench, observed, truth
 
 Array = NDArray[np.float64]
 TRIALS = 300

@@ -1,4 +1,4 @@
-"""The same question of inercal's own simulation: its bench and its estimator share one declaration."""
+"""The same asked of inercal's own simulation: its bench and estimator share one declaration."""
 
 from pathlib import Path
 

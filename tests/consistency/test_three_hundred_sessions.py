@@ -6,10 +6,10 @@ Every band is four standard deviations of what is averaged, at three hundred tri
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-
-from inercal.methods import METHODS
 from tests.accuracy.generator import EARTH, POSITIONS, TURNS, Handling, Imu
 from tests.consistency.conftest import TRIALS, Sessions
+
+from inercal.methods import METHODS
 
 Array = NDArray[np.float64]
 both = pytest.mark.parametrize("method", list(METHODS))
@@ -131,9 +131,7 @@ def cramer_rao(
     variance = np.diag(np.linalg.inv(information / np.outer(scale, scale))) / scale**2
     spread = [
         m.reshape(shape)
-        for m, shape in zip(
-            split(np.sqrt(variance[: own.size]), sizes), shapes, strict=True
-        )
+        for m, shape in zip(split(np.sqrt(variance[: own.size]), sizes), shapes, strict=True)
     ]
     eye = np.eye(3)
     named = Imu(eye + spread[0], spread[1], eye + spread[2], spread[3], spread[4]).coefficients()

@@ -13,19 +13,19 @@ def allan_deviation(y: np.ndarray, m: int) -> float:
 
 
 @pytest.mark.parametrize("m", [1, 10, 100])
-def test_white_noise_has_n_over_root_tau(m):
+def test_white_noise_has_n_over_root_tau(m: int):
     y = Noise(white=2.0).draw(np.random.default_rng(1), (40, 10_000), rate_hz=50.0)
     assert allan_deviation(y, m) == pytest.approx(2.0 / (m / 50.0) ** 0.5, rel=0.03)
 
 
 @pytest.mark.parametrize("m", [64, 256, 1024])
-def test_bias_instability_has_a_floor_of_0664(m):
+def test_bias_instability_has_a_floor_of_0664(m: int):
     y = Noise(bias_instability=3.0).draw(np.random.default_rng(2), (60, 1 << 15), rate_hz=10.0)
     assert allan_deviation(y, m) == pytest.approx(0.664 * 3.0, rel=0.05)
 
 
 @pytest.mark.parametrize("m", [100, 300])
-def test_random_walk_grows_with_root_tau_over_three(m):
+def test_random_walk_grows_with_root_tau_over_three(m: int):
     y = Noise(random_walk=0.5).draw(np.random.default_rng(3), (200, 20_000), rate_hz=10.0)
     assert allan_deviation(y, m) == pytest.approx(0.5 * (m / 10.0 / 3) ** 0.5, rel=0.06)
 

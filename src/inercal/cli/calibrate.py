@@ -28,9 +28,9 @@ def run(
         result = out / f"{run_file.stem}.calibration.json"
         page = out / f"{run_file.stem}.report.html"
         if with_report:
-            from inercal.report import report
+            from inercal.report import write_report
 
-            report(outcome, page, plan.truth or None)
+            write_report(outcome, page, plan.truth or None)
         save(outcome.calibration, result)
     files = {"calibration_file": str(result)} | ({"report": str(page)} if with_report else {})
     if json:

@@ -15,14 +15,14 @@ def run(
     """Calibrate and write the HTML report alone."""
     from inercal.cli.show import as_json, working
     from inercal.pipeline import calibrate
-    from inercal.report import report
+    from inercal.report import write_report
     from inercal.runfile import read
 
     plan = read(run_file)
     page = out or Path(f"{run_file.stem}.report.html")
     with working(f"writing {page}"):
         outcome = calibrate(plan)
-        report(outcome, page, plan.truth or None)
+        write_report(outcome, page, plan.truth or None)
     if json:
         as_json({"report": str(page), "verdict": list(outcome.verdict)})
     else:

@@ -11,9 +11,9 @@ Their means correct the readings and their covariance joins the noise; for Gauss
     E[Q_i] = Σ_k cov(η_ik, τ_rk)
     cov(Q_i, Q_j) = Σ_kl cov(η_ik, η_jl) cov(τ_rk, τ_sl) + cov(η_ik, τ_sl) cov(η_jl, τ_rk)
 
-(GUM, JCGM 100:2008, note to 5.1.2; moments by Isserlis' theorem). At half a degree this is 38 ppm of
-scale factor, with an uncertainty as large: more than the noise of a good MEMS accelerometer. The
-axis of a turn leans in the same way.
+(GUM, JCGM 100:2008, note to 5.1.2; moments by Isserlis' theorem). At half a degree this is 38 ppm
+of scale factor, with an uncertainty as large: more than the noise of a good MEMS accelerometer.
+The axis of a turn leans in the same way.
 """
 
 from collections.abc import Sequence

@@ -11,7 +11,9 @@ from inercal.io.atomic import atomic_write
 from inercal.pipeline import Outcome
 
 
-def report(outcome: Outcome, path: str | Path, truth: Mapping[str, float] | None = None) -> Path:
+def write_report(
+    outcome: Outcome, path: str | Path, truth: Mapping[str, float] | None = None
+) -> Path:
     """Write the report; the file appears whole or not at all. Return its path.
 
     Parameters
@@ -41,4 +43,4 @@ def report(outcome: Outcome, path: str | Path, truth: Mapping[str, float] | None
     return Path(path)
 
 
-__all__ = ["report"]
+__all__ = ["write_report"]

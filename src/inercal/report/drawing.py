@@ -10,6 +10,7 @@ import re
 import warnings
 from collections.abc import Sequence
 from io import StringIO
+from typing import Any
 
 import matplotlib
 from markupsafe import Markup
@@ -25,7 +26,7 @@ _VARIABLES = {
     INK: "ink", MUTED: "muted", FAINT: "faint", BAND: "band", X: "x", Y: "y", Z: "z",
     WARN: "warn", PLUS: "plus", MINUS: "minus", PAPER: "paper",
 }  # fmt: skip
-_STYLE = {
+_STYLE: dict[Any, Any] = {  # the stubs list the keys as literals
     "font.family": "DejaVu Sans",  # comes with matplotlib; the page's own font is narrower
     "font.size": 8.0,
     "svg.fonttype": "none",

@@ -22,6 +22,7 @@ SHORTEST = 1.0  # s
 # Ratio to the quietest tenth: white noise over a window of 50 samples stays below 1.5, a hand's
 # movement is tens to thousands.
 _RESTLESS = 3.0
+_TURNING = 10.0  # quietest scatters that a resting rate may differ between attitudes
 _ALIGNED = 0.9  # cosine between a mean specific force (a turn's axis) and the nominal direction
 _TURN_TOLERANCE = 0.25  # a turn's angle may be wrong by this part and still be meant
 
@@ -53,8 +54,9 @@ def find_marks(recording: Recording, sensor: Sensor, steps: Sequence[Step]) -> t
         raise InputError(
             f"{recording.source}: {recording.duration:.2g} s are too short to find sections in"
         )
-    scatter = np.max([_relative_scatter(y[:, k], window) for k in (*force, *rate)], axis=0)
-    quiet = scatter < _RESTLESS
+    quiet = np.ones(len(y), dtype=np.bool_)
+    for k in (*force, *rate):
+        quiet &= _at_rest(y[:, k], window, rate=k in rate)
     for before, after in recording.gaps:
         quiet[before : after + 1] = False
     margin, shortest = (round(s * recording.rate_hz) for s in (MARGIN, SHORTEST))
@@ -71,8 +73,8 @@ def find_marks(recording: Recording, sensor: Sensor, steps: Sequence[Step]) -> t
     return tuple(sorted(marks, key=lambda mark: order.index(mark.label)))
 
 
-def _relative_scatter(x: Array, window: int) -> Array:
-    """Return the standard deviation about each sample over its quietest tenth, (n,)."""
+def _at_rest(x: Array, window: int, *, rate: bool) -> NDArray[np.bool_]:
+    """Return where a channel scatters no more than at its quietest and, a rate, does not turn."""
     centred = x - x.mean()
     sums = [np.concatenate([[0.0], np.cumsum(v)]) for v in (centred, centred**2)]
     n = x.size
@@ -81,8 +83,13 @@ def _relative_scatter(x: Array, window: int) -> Array:
     deviation = np.sqrt(np.maximum(square - mean**2, 0.0))
     # A coarsely quantised channel may stand still: its smallest step is then the least scatter.
     steps = np.abs(np.diff(x))
-    least = steps[steps > 0].min() if (steps > 0).any() else 1.0
-    return deviation / max(float(np.quantile(deviation, 0.1)), 0.3 * float(least))
+    least = float(steps[steps > 0].min()) if (steps > 0).any() else 1.0
+    floor = max(float(np.quantile(deviation, 0.1)), 0.3 * least)
+    quiet = deviation < _RESTLESS * floor
+    if rate and quiet.any():
+        # In the middle of a turn the rate may be as steady as at rest, but it is not that of rest.
+        quiet &= np.abs(mean - np.median(mean[quiet])) < _TURNING * floor
+    return quiet
 
 
 def _runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:

@@ -1,0 +1,199 @@
+"""The pages say what the code says: keys, defaults, tables, findings, snippets, links."""
+
+import re
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+import inercal
+from inercal.benches import Hand
+from inercal.pipeline import calibrate
+from inercal.runfile import schema
+from inercal.sensors import SI_UNITS
+from inercal.sensors.tables import ACCELEROMETER, GYRO, Coefficient
+from inercal.units import Measured, digits, parse
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+PAGES = sorted([*DOCS.glob("**/*.md"), *ROOT.glob("*.md")])
+SECTIONS: dict[str, type[BaseModel]] = {
+    "[sensor]": schema.SensorSection,
+    "[sensor.accelerometer] and [sensor.gyro]": schema.ReadoutSection,
+    "[bench]": schema.BenchSection,
+    "[data]": schema.DataSection,
+    "[method]": schema.MethodSection,
+}
+
+
+def page(name: str) -> str:
+    return (DOCS / name).read_text(encoding="utf-8")
+
+
+def section(text: str, heading: str) -> str:
+    """Return the text between a heading and the next one of any level."""
+    return re.split(r"^#+ ", text.split(f"# {heading}\n", 1)[1], maxsplit=1, flags=re.M)[0]
+
+
+def rows(text: str) -> Iterator[list[str]]:
+    """Return the cells of the rows of the tables, heads and rules left out."""
+    lines = [line for line in text.splitlines() if line.startswith("|")]
+    rules = {k for k, line in enumerate(lines) if set(line) <= set("|-:")}
+    for k, line in enumerate(lines):
+        if not {k, k + 1} & rules:
+            yield [cell.strip() for cell in line.strip("|").split("|")]
+
+
+def default(field: FieldInfo) -> str:
+    """Return a default as the page shows it."""
+    if field.is_required():
+        return "required"
+    value: Any = field.get_default(call_default_factory=True)
+    if value is None or value == {}:
+        return "none"
+    if isinstance(value, str):
+        return f'`"{value}"`'
+    return f"`{list(value)}`".replace("'", '"') if isinstance(value, tuple) else f"`{value}`"
+
+
+@pytest.mark.parametrize("heading", SECTIONS)
+def test_run_file_page_has_every_key_of_the_schema_with_its_default(heading: str):
+    written = {
+        cells[0]: cells[1] for cells in rows(section(page("reference/run-file.md"), heading))
+    }
+    fields = SECTIONS[heading].model_fields
+    assert written == {f"`{name}`": default(field) for name, field in fields.items()}
+
+
+def test_examples_of_quantities_on_the_run_file_page_can_be_read():
+    likes = {
+        "scale": "LSB/(m/s²)",
+        "full_scale": "m/s²",
+        "white": "m/s²/√Hz",
+        "bias_instability": "m/s²",
+        "random_walk": "m/s²/√s",
+        "quantisation": "m/s²",
+        "gravity": "m/s²",
+        "latitude": "rad",
+        "height": "m",
+        "tilt": "rad",
+        "turn_angle": "rad",
+        "turn_tilt": "rad",
+        "timebase": "1",
+        "rate": "Hz",
+        "accelerometer": "m/s²",
+        "turn": "rad",
+        "seconds": "s",
+        "turn_seconds": "s",
+    }
+    read = 0
+    for name, _, example, *_ in rows(page("reference/run-file.md")):
+        first = re.match(r'`"(-?\d[^"]*)"`', example)
+        if first and name.strip("`") in likes:
+            assert isinstance(parse(first[1], likes[name.strip("`")]), Measured)
+            read += 1
+    assert read >= len(likes) - 1  # [data] accelerometer names columns
+
+
+@pytest.mark.parametrize(
+    ("heading", "table"), [("Accelerometer", ACCELEROMETER), ("Gyro", GYRO)], ids=["acc", "gyro"]
+)
+def test_model_page_has_the_lines_of_the_coefficient_tables(
+    heading: str, table: tuple[Coefficient, ...]
+):
+    expected = [
+        [
+            f"`{c.name}`",
+            c.symbol,
+            c.unit,
+            SI_UNITS[c.unit],
+            f"`{c.basis.text}`",
+            c.group,
+            c.meaning,
+        ]
+        for c in table
+    ]
+    assert list(rows(section(page("reference/model.md"), heading))) == expected
+
+
+def test_uncertainty_page_lists_every_nuisance_of_the_bench():
+    text = section(page("reference/uncertainty.md"), "What it holds")
+    listed = [(name, cells[2]) for cells in rows(text) for name in re.findall(r"`(\w+)`", cells[0])]
+    expected = [(p.name, p.scope) for p in Hand(Measured(9.81, 0.0)).parameters]
+    assert sorted(listed) == sorted(expected)
+
+
+def test_recordings_page_lists_every_finding_that_the_code_makes():
+    source = "\n".join(p.read_text(encoding="utf-8") for p in (ROOT / "src").glob("**/*.py"))
+    made = set(re.findall(r'Finding\(\s*[^,]+,\s*"(\w+)"', source))
+    listed = {
+        cells[0].strip("`")
+        for cells in rows(section(page("how-to/recordings.md"), "The audit"))
+        if re.fullmatch(r"`\w+`", cells[0])
+    }
+    assert listed == made
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_toml_on_a_page_is_a_part_of_a_run_file(path: Path):
+    for text in re.findall(r"```toml\n(.*?)```", path.read_text(encoding="utf-8"), flags=re.S):
+        content = tomllib.loads(text)
+        assert set(content) <= set(schema.RunSchema.model_fields)
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_links_of_a_page_lead_somewhere(path: Path):
+    for target in re.findall(r"\]\(([^)\s]+)\)", path.read_text(encoding="utf-8")):
+        if target.startswith("http"):
+            continue
+        file, _, anchor = target.partition("#")
+        there = (path.parent / file).resolve() if file else path
+        assert there.exists(), target
+        if anchor:
+            headings = re.findall(r"^#+ (.*)$", there.read_text(encoding="utf-8"), flags=re.M)
+            slugs = [re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in headings]
+            assert anchor in slugs, target
+
+
+def snippets(name: str) -> list[str]:
+    return re.findall(r"```python\n(.*?)```", page(name), flags=re.S)
+
+
+def test_the_snippets_of_the_calibration_page_apply_and_verify_a_file(tmp_path: Path):
+    run = inercal.demo(tmp_path, seed=3).outcome.calibration
+    file = inercal.save(run, tmp_path / "run.calibration.json")
+    apply, verify = (s.replace("run.calibration.json", str(file)) for s in snippets(
+        "reference/calibration-file.md"
+    ))  # fmt: skip
+    scope: dict[str, Any] = {}
+    exec(apply, scope)
+    matrix, offset = run.linear()
+    np.testing.assert_allclose(scope["matrix"], matrix, rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(scope["offset"], offset, rtol=1e-12)
+    exec(verify, {})
+
+
+def test_numbers_in_the_ferraris_guide_are_those_of_the_recording(data_dir: Path, tmp_path: Path):
+    text = page("how-to/ferraris.md")
+    example = ROOT / "examples" / "ferraris_recordings" / "session_a.toml"
+    shown = example.read_text(encoding="utf-8")
+    assert shown in text
+    run_file = tmp_path / "session_a.toml"
+    located = shown.replace("../../../shared/data", str(data_dir))
+    run_file.write_text(located, encoding="utf-8")
+    found = {"ml": calibrate(run_file).calibration}
+    run_file.write_text(located + 'estimator = "classical"\n', encoding="utf-8")
+    found["classical"] = calibrate(run_file).calibration
+    table = [cells for cells in rows(section(text, "6. Read the result")) if len(cells) == 7]
+    assert len(table) == 6
+    for name, _, *cells, _ in table:
+        full = name.strip("`")
+        for k, calibration in enumerate((found["ml"], found["classical"])):
+            si = calibration.sensor.coefficient(full).si
+            u = 2 * calibration.uncertainty(full) / si
+            assert (cells[2 * k], cells[2 * k + 1]) == digits(calibration.value(full) / si, u)

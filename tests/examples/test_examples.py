@@ -1,0 +1,141 @@
+"""Every example runs, and gives what the pages say of it."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import inercal
+from inercal.io.write import write_recording
+from inercal.pipeline import Outcome, calibrate, named_as_in, simulate
+from inercal.runfile import read
+
+ROOT = Path(__file__).parents[2]
+SESSIONS = ("session_a", "session_b")
+# Values that imucal 2.6.0 gives for these recordings, from its K and R matrices, in SI.
+ARCSEC = np.pi / 648_000
+IMUCAL = {
+    "session_a": {
+        "ax.k0": 0.537117424,
+        "ay.k0": -0.616202993,
+        "az.k0": 0.398867342,
+        "ax.k1": 0.996745865 * 0.999862 - 1,
+        "az.k1": 1.023395348 * 0.999909 - 1,
+        "ax.delta_o": 0.996745865 * -0.0148306,
+        "gx.scale": 1.027924326 * 0.999979 - 1,
+        "gx.bias": np.radians(-0.599668630),
+    },
+    "session_b": {
+        "ax.k1": 208.545673 * 0.9999125 * 9.80665 / 2048 - 1,
+        "ay.k0": -48.287874 * 9.80665 / 2048,
+        "az.delta_p": 214.784554 * 9.80665 / 2048 * 0.0107818795,
+        "gx.scale": 16.677696 * 0.9999144 / 16.4 - 1,
+    },
+}
+
+
+@pytest.fixture
+def examples(tmp_path: Path) -> Path:
+    """Copy of the examples, so that what they write stays out of the repository."""
+    return Path(shutil.copytree(ROOT / "examples", tmp_path / "examples"))
+
+
+def session(name: str, examples: Path, data_dir: Path, more: str = "") -> Outcome:
+    """Calibrate a recorded session, with the folder of its data replaced."""
+    run_file = examples / "ferraris_recordings" / f"{name}.toml"
+    text = run_file.read_text(encoding="utf-8")
+    assert "../../../shared/data" in text
+    data = str(data_dir).replace("\\", "/")
+    run_file.write_text(text.replace("../../../shared/data", data) + more, encoding="utf-8")
+    return calibrate(run_file)
+
+
+def test_every_run_file_of_the_examples_is_run_by_a_test():
+    found = {str(path.relative_to(ROOT / "examples")) for path in ROOT.glob("examples/**/*.toml")}
+    run = {"six_position/run.toml", "ferraris_simulated/run.toml"}
+    assert found == run | {f"ferraris_recordings/{name}.toml" for name in SESSIONS}
+
+
+def test_six_positions_from_a_table_of_means_agree_with_its_half_sums(examples: Path):
+    outcome = calibrate(examples / "six_position" / "run.toml")
+    assert outcome.estimate.consistent
+    bias = (1.00545 - 0.99708) / 2 * 9.80665
+    assert outcome.calibration.value("ax.k0") == pytest.approx(bias, abs=1e-5 * 9.80665)
+
+
+def test_the_simulated_session_is_calibrated_to_its_truth(examples: Path):
+    run = read(examples / "ferraris_simulated" / "run.toml")
+    write_recording(named_as_in(run, simulate(run)), run.file(run.data.file))
+    calibration = calibrate(run).calibration
+    truth = np.array([run.truth.get(name, 0.0) for name in calibration.sensor.coefficients])
+    error = calibration.values - truth
+    nees = error @ np.linalg.solve(calibration.covariance, error)
+    # χ² with 33 degrees of freedom: 10 and 63 are its 0.003 % and 99.9 % points.
+    assert 10 < nees < 63
+
+
+@pytest.mark.parametrize("name", SESSIONS)
+def test_recorded_sessions_agree_with_noise_and_bench_as_stated(
+    name: str, examples: Path, data_dir: Path
+):
+    assert session(name, examples, data_dir).estimate.consistent
+
+
+@pytest.mark.parametrize("name", SESSIONS)
+def test_classical_formulas_give_what_imucal_gives(name: str, examples: Path, data_dir: Path):
+    outcome = session(name, examples, data_dir, 'estimator = "classical"\n')
+    for coefficient, value in IMUCAL[name].items():
+        # imucal's numbers are printed with six to nine digits
+        assert outcome.calibration.value(coefficient) == pytest.approx(value, abs=2e-6), coefficient
+
+
+@pytest.mark.parametrize("name", SESSIONS)
+def test_maximum_likelihood_agrees_with_imucal_within_its_uncertainty(
+    name: str, examples: Path, data_dir: Path
+):
+    calibration = session(name, examples, data_dir).calibration
+    for coefficient, value in IMUCAL[name].items():
+        error = calibration.value(coefficient) - value
+        assert abs(error) < 2 * calibration.uncertainty(coefficient), coefficient
+
+
+def test_the_script_prints_a_verdict_and_leaves_a_calibration_and_a_report(
+    examples: Path, tmp_path: Path
+):
+    done = subprocess.run(
+        [sys.executable, "-W", "error", examples / "calibrate_in_python.py"],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONIOENCODING": "utf-8"},
+        capture_output=True,
+        encoding="utf-8",
+        check=True,
+    )
+    assert done.stdout.startswith("12 coefficients found; the data agree")
+    calibration = inercal.load(tmp_path / "six_position.calibration.json")
+    assert calibration.sensor.name == "accelerometer SN 0417"
+    assert "<html" in (tmp_path / "six_position.report.html").read_text(encoding="utf-8")
+
+
+def test_the_readme_shows_the_script_and_what_it_prints(examples: Path):
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    code = (examples / "calibrate_in_python.py").read_text(encoding="utf-8")
+    assert code.split('"""\n\n')[1] in readme
+    outcome = calibrate(examples / "six_position" / "run.toml")
+    for line in outcome.verdict:
+        assert line in readme
+
+
+def test_the_calibration_of_an_example_is_the_documented_json(examples: Path, tmp_path: Path):
+    outcome = calibrate(examples / "six_position" / "run.toml")
+    path = inercal.save(outcome.calibration, tmp_path / "run.calibration.json")
+    page = (ROOT / "docs" / "reference" / "calibration-file.md").read_text(encoding="utf-8")
+    content = json.loads(path.read_text(encoding="utf-8"))
+    for key in (*content, *content["sensor"], *content["sensor"]["axes"][0]):
+        assert f"`{key}`" in page, key
+    for key in (*content["sensor"]["axes"][0]["readout"], "Birge"):
+        assert key in page, key

@@ -1,0 +1,315 @@
+"""The report as a file: whole, self-contained, safe, small, and faithful to the numbers."""
+
+import re
+import sys
+from dataclasses import replace
+from html.parser import HTMLParser
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inercal.errors import InputError
+from inercal.io.write import write_recording
+from inercal.pipeline import Outcome, calibrate, named_as_in, simulate
+from inercal.plan import Hold
+from inercal.recording import Finding, Recording
+from inercal.report import write_report
+from inercal.report.page import judge, page
+from inercal.report.sphere import attitudes, missing_faces
+from inercal.report.tables import bench, coefficients, strongest
+from inercal.report.traces import POINTS, envelope
+from inercal.runfile import Run, read
+from inercal.units import digits
+
+VOID = {"meta", "br"}
+
+
+class _Tags(HTMLParser):
+    """Collects tags and ids and checks that elements close in order."""
+
+    def __init__(self):
+        super().__init__()
+        self.open: list[str] = []
+        self.seen: list[str] = []
+        self.ids: list[str] = []
+        self.text: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]):
+        self.seen.append(tag)
+        self.ids += [value or "" for name, value in attrs if name == "id"]
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]):
+        self.seen.append(tag)
+        self.ids += [value or "" for name, value in attrs if name == "id"]
+
+    def handle_endtag(self, tag: str):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str):
+        self.text.append(data)
+
+
+def parsed(text: str) -> _Tags:
+    tags = _Tags()
+    tags.feed(text)
+    assert tags.open == []
+    return tags
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    path = tmp_path_factory.mktemp("demo") / "run.toml"
+    path.write_bytes(files("inercal").joinpath("demo.toml").read_bytes())
+    run = read(path)
+    write_recording(named_as_in(run, simulate(run, 3)), path.parent / run.data.file)
+    return run
+
+
+@pytest.fixture(scope="module")
+def outcome(run: Run) -> Outcome:
+    return calibrate(run)
+
+
+@pytest.fixture(scope="module")
+def text(outcome: Outcome, run: Run) -> str:
+    return page(outcome, run.truth)
+
+
+def renamed(outcome: Outcome, name: str) -> Outcome:
+    calibration = outcome.calibration
+    sensor = replace(calibration.sensor, name=name)
+    return replace(outcome, calibration=replace(calibration, sensor=sensor))
+
+
+def without(outcome: Outcome, label: str) -> Outcome:
+    """Return the outcome as if a step had not been measured; its residuals are left out."""
+    kept = [k for k, step in enumerate(outcome.steps) if step.label != label]
+    old = outcome.observations
+    observations = replace(
+        old,
+        labels=tuple(old.labels[k] for k in kept),
+        mean=old.mean[kept],
+        covariance=old.covariance[kept],
+        duration=old.duration[kept],
+        samples=old.samples[kept],
+        time=old.time[kept],
+    )
+    none = np.zeros(0)
+    estimate = outcome.estimate.select(outcome.calibration.sensor.coefficients)
+    estimate = replace(estimate, residual=none, whitened=none)
+    steps = tuple(outcome.steps[k] for k in kept)
+    return replace(outcome, observations=observations, steps=steps, estimate=estimate)
+
+
+def test_the_page_asks_for_nothing_outside_itself(text: str):
+    assert "http:" not in text
+    assert "https:" not in text
+    assert not {"script", "link", "img", "iframe", "object"} & set(parsed(text).seen)
+    targets = re.findall(r'(?:href|src)="([^"]*)"', text) + re.findall(r"url\(([^)]*)\)", text)
+    assert targets
+    assert all(target.startswith("#") for target in targets)
+
+
+def test_ids_are_unique_and_every_reference_has_its_target(text: str):
+    ids = parsed(text).ids
+    assert len(set(ids)) == len(ids)
+    referred = re.findall(r'href="#([^"]*)"', text) + re.findall(r"url\(#([^)]*)\)", text)
+    assert set(referred) <= set(ids)
+
+
+def test_no_stand_in_colour_is_left(text: str):
+    assert "#010a" not in text
+
+
+def test_every_coefficient_is_there_with_value_and_expanded_uncertainty(
+    text: str, outcome: Outcome
+):
+    calibration = outcome.calibration
+    rows = {row.name: row for g in coefficients(outcome, None) for axis in g.axes for row in axis}
+    assert tuple(rows) == calibration.sensor.coefficients
+    for name, value, std in zip(rows, calibration.values, calibration.std, strict=True):
+        si = calibration.sensor.coefficient(name).si
+        shown, expanded = digits(value / si, 2 * std / si)
+        assert (rows[name].value.replace("−", "-"), rows[name].expanded) == (shown, expanded)
+        row = re.search(rf'<th scope="row">{re.escape(name)}</th>.*?</tr>', text, re.DOTALL)
+        assert row
+        assert f">{rows[name].value}<" in row[0]
+        assert f">{expanded}<" in row[0]
+
+
+def test_the_error_column_appears_only_with_a_truth(text: str, outcome: Outcome):
+    assert "error / u" in text
+    assert "error / u" not in page(outcome, None)
+
+
+def test_errors_against_the_truth_are_in_standard_uncertainties(outcome: Outcome):
+    calibration = outcome.calibration
+    truth = {"ax.k0": calibration.value("ax.k0") - 4 * calibration.uncertainty("ax.k0")}
+    row = coefficients(outcome, truth)[0].axes[0][0]
+    assert (row.name, row.error, row.far) == ("ax.k0", "+4.00", True)
+
+
+def test_a_hostile_name_stays_text(outcome: Outcome):
+    name = '<script>alert("1")</script>'
+    finding = Finding("warning", "<b>", "<img src=x>", "<i>")
+    text = page(replace(renamed(outcome, name), findings=(finding,)), None)
+    tags = parsed(text)
+    assert not {"script", "img", "b", "i"} & set(tags.seen)
+    assert name in "".join(tags.text)
+
+
+def test_a_hostile_label_stays_text_in_the_figures(outcome: Outcome):
+    label = '<script x="$y^{">漢'
+    labels = (label, *outcome.observations.labels[1:])
+    marks = (replace(outcome.marks[0], label=label), *outcome.marks[1:])
+    steps = (replace(outcome.steps[0], label=label), *outcome.steps[1:])
+    observations = replace(outcome.observations, labels=labels)
+    names = tuple(
+        n.replace(f"[{outcome.steps[0].label}]", f"[{label}]") for n in outcome.estimate.names
+    )
+    changed = replace(
+        outcome,
+        observations=observations,
+        marks=marks,
+        steps=steps,
+        estimate=replace(outcome.estimate, names=names),
+    )
+    assert "script" not in parsed(page(changed, None)).seen
+
+
+def test_a_million_samples_stay_under_two_megabytes(outcome: Outcome):
+    old = outcome.recording
+    assert old is not None
+    n = 1_000_000
+    data = np.random.default_rng(1).normal(0, 1000, (n, len(old.channels)))
+    long = Recording(np.arange(n) / 1000.0, data, old.channels, old.units)
+    assert len(page(replace(outcome, recording=long), None).encode()) < 2e6
+
+
+def test_the_envelope_keeps_spikes_ends_and_gaps():
+    n = 100_003
+    time = np.arange(n) / 100.0
+    time[60_000:] += 50.0
+    data = np.zeros((n, 1))
+    data[12_345], data[-1] = 7.0, -3.0
+    when, y = envelope(Recording(time, data, ("ax",), ("g",)), 0)
+    assert y.size <= POINTS + 4
+    assert when[np.nanargmax(y)] == time[12_345]
+    assert (when[-1], y[-1]) == (time[-1], -3.0)
+    assert np.isnan(y).sum() == 1
+    assert np.all(np.diff(when) >= 0)
+
+
+def test_short_recordings_are_drawn_sample_by_sample():
+    data = np.arange(50.0)[:, None]
+    when, y = envelope(Recording(np.arange(50.0) + 1e9, data, ("ax",), ("g",)), 0)
+    np.testing.assert_array_equal(y, data[:, 0])
+    assert when[0] == 0
+
+
+def test_means_without_a_recording_make_a_page(outcome: Outcome):
+    text = page(replace(outcome, recording=None, marks=()), None)
+    assert "no recording to draw" in text
+    assert 'id="traces' not in text
+    parsed(text)
+
+
+def test_an_estimate_without_residuals_says_what_its_uncertainty_lacks(run: Run):
+    text = page(calibrate(replace(run, estimator="classical")), None)
+    assert "U holds the noise of the means only" in " ".join(text.split())
+    assert "Usable, but untested" in text
+    assert "takes the bench as exact" in text
+
+
+def test_faces_without_a_position_are_named(outcome: Outcome):
+    assert missing_faces(attitudes(outcome)) == []
+    hold = next(s for s in outcome.steps if isinstance(s, Hold) and s.up == (0.0, 0.0, -1.0))
+    lacking = without(outcome, hold.label)
+    assert missing_faces(attitudes(lacking)) == ["−z"]
+    text = page(lacking, None)
+    assert "No position had\n−z up." in text
+    assert "−z: no position" in text
+
+
+def test_attitudes_are_near_nominal_and_turns_about_their_axes(outcome: Outcome):
+    assert all(attitude.off < np.deg2rad(2) for attitude in attitudes(outcome))
+
+
+def test_the_bench_table_compares_found_with_stated(outcome: Outcome):
+    grids, pulls = bench(outcome)
+    assert [grid.title for grid in grids] == ["The whole run", "By position", "By turn"]
+    assert set(pulls) == {"run", *outcome.observations.labels}
+    k = outcome.estimate.names.index("tilt1[x_p]")
+    found = dict(pulls["x_p"])["tilt1"]
+    assert found == pytest.approx(outcome.estimate.value[k] / outcome.bench.tilt)
+
+
+def test_strong_correlations_are_named_strongest_first(outcome: Outcome):
+    estimate = outcome.estimate
+    covariance = np.diag(np.diag(estimate.covariance))
+    sd = np.sqrt(np.diag(covariance))
+    for a, b, r in ((0, 1, -0.6), (2, 3, 0.9), (4, 5, 0.4)):
+        covariance[a, b] = covariance[b, a] = r * sd[a] * sd[b]
+    a = estimate.names
+    assert strongest(replace(estimate, covariance=covariance)) == [
+        f"{a[2]} and {a[3]}: +0.90",
+        f"{a[0]} and {a[1]}: −0.60",
+    ]
+
+
+def test_the_verdict_box_follows_chi2_findings_and_scales(outcome: Outcome):
+    estimate = outcome.estimate
+    assert judge(outcome).tone == "good"
+    warned = replace(outcome, findings=(Finding("warning", "gap", "one gap"),))
+    assert judge(warned).tone == "care"
+    noted = replace(outcome, findings=(Finding("note", "gap", "one gap"),))
+    assert judge(noted).tone == "good"
+    loose = replace(estimate, chi2=np.array(2.5 * estimate.dof))
+    assert judge(replace(outcome, estimate=loose)).tone == "care"
+    wrong = replace(estimate, chi2=np.array(9.0 * estimate.dof))
+    assert judge(replace(outcome, estimate=wrong)).tone == "bad"
+    values = outcome.calibration.values.copy()
+    values[outcome.calibration.sensor.coefficients.index("gz.scale")] = -2.0
+    turned = replace(outcome, calibration=replace(outcome.calibration, values=values))
+    assert judge(turned).tone == "bad"
+
+
+def test_a_nonlinear_model_has_no_matrix_but_a_page(outcome: Outcome):
+    calibration = outcome.calibration
+    sensor = replace(calibration.sensor, form="tilted")
+    text = page(replace(outcome, calibration=replace(calibration, sensor=sensor)), None)
+    assert "no single matrix applies it" in text
+
+
+def test_the_report_is_written_where_it_was_asked_for(outcome: Outcome, tmp_path: Path):
+    path = write_report(outcome, tmp_path / "one.html")
+    assert path.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+
+
+@pytest.mark.parametrize("missing", ["matplotlib", "jinja2"])
+def test_missing_extras_are_named(
+    outcome: Outcome, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, missing: str
+):
+    for name in list(sys.modules):
+        if name.startswith("inercal.report."):
+            monkeypatch.delitem(sys.modules, name)
+        if name.partition(".")[0] == missing:
+            monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(InputError, match=r"pip install 'inercal\[report\]'"):
+        write_report(outcome, tmp_path / "one.html")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_page_that_fails_leaves_the_old_file(outcome: Outcome, tmp_path: Path):
+    path = tmp_path / "one.html"
+    path.write_text("old")
+    with pytest.raises(ValueError, match="reshape"):
+        write_report(
+            replace(outcome, estimate=replace(outcome.estimate, whitened=np.ones(5))), path
+        )
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
