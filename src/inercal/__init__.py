@@ -43,7 +43,7 @@ __all__ = [
     "calibrate",
     "demo",
     "load",
-    "write_report",
     "save",
     "simulate",
+    "write_report",
 ]

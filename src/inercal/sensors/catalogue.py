@@ -6,8 +6,9 @@ from typing import Literal
 import numpy as np
 
 from inercal.errors import InputError
+from inercal.sensors.axis import Axis, Readout
 from inercal.sensors.noise import Noise
-from inercal.sensors.sensor import Axis, Readout, Sensor
+from inercal.sensors.sensor import Sensor
 
 # I and P of x, y, z: cyclic, so that O completes the frame (x → xyz, y → yzx, z → zxy)
 CYCLIC = {

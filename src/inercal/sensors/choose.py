@@ -2,19 +2,16 @@
 
 from collections.abc import Sequence
 from difflib import get_close_matches
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from inercal.errors import InputError
+from inercal.sensors.axis import Axis
 from inercal.sensors.tables import GROUPS, TABLES
 
-if TYPE_CHECKING:
-    from inercal.sensors.sensor import Axis
 
-
-def choose(axes: "Sequence[Axis]", chosen: Sequence[str]) -> tuple[str, ...]:
+def choose(axes: Sequence[Axis], chosen: Sequence[str]) -> tuple[str, ...]:
     """Return full coefficient names, axis by axis in the order of the tables.
 
     Parameters
@@ -48,7 +45,7 @@ def choose(axes: "Sequence[Axis]", chosen: Sequence[str]) -> tuple[str, ...]:
     )
 
 
-def _members(axes: "Sequence[Axis]", k: int, word: str) -> list[str]:
+def _members(axes: Sequence[Axis], k: int, word: str) -> list[str]:
     """Return the short names on axis k that `word` stands for."""
     table = TABLES[axes[k].measures]
     if word == "nonorthogonality":
@@ -56,7 +53,7 @@ def _members(axes: "Sequence[Axis]", k: int, word: str) -> list[str]:
     return [c.name for c in table if word in (c.name, c.group)]
 
 
-def _nonorthogonality(axes: "Sequence[Axis]", k: int) -> list[str]:
+def _nonorthogonality(axes: Sequence[Axis], k: int) -> list[str]:
     """Return the misalignments of axis k towards the axes of its kind before it.
 
     Kept alone they make the matrix of a triad lower triangular: the frame is then the sensor's own
@@ -72,7 +69,7 @@ def _nonorthogonality(axes: "Sequence[Axis]", k: int) -> list[str]:
     return [name for name, direction in toward.items() if is_earlier(direction)]
 
 
-def _unknown(axes: "Sequence[Axis]", word: str) -> str:
+def _unknown(axes: Sequence[Axis], word: str) -> str:
     short = sorted({c.name for axis in axes for c in TABLES[axis.measures]})
     words = [*short, *GROUPS, "nonorthogonality", *(axis.name + ".…" for axis in axes)]
     near = get_close_matches(word.rpartition(".")[2], words, n=2)

@@ -1,17 +1,8 @@
 """A sensor: named axes, the coefficients that describe their errors, and the exact forward model.
 
-Two forms of one table (`tables`). In the reference form (IEEE Std 1293) every term acts along the
-nominal axes, so the reading is linear in the coefficients::
-
-    y = f_I + Σ c φ(seen)
-
-In the tilted form the misalignments turn the input axis itself and the nonlinear terms act along
-the turned, unit axis h (with the lever arm's part in what it feels)::
-
-    a = h·(f + dω/dt × r + ω × (ω × r)),   h = (1, tan δ_O, −tan δ_P) / norm   along (I, P, O)
-    y = a + Σ c φ(seen, with f_I replaced by a)
-
-Everything broadcasts over leading axes of trials: motion `(..., n, 3)`, coefficients `(..., p)`.
+The terms stand in `tables`, what one axis makes of them in `response`; a sensor puts its axes
+together. Everything broadcasts over leading axes of trials: motion `(..., n, 3)`, coefficients
+`(..., p)`.
 """
 
 from collections.abc import Mapping
@@ -24,91 +15,12 @@ from numpy.typing import NDArray
 
 from inercal.errors import InputError
 from inercal.motion import Motion
+from inercal.sensors.axis import Axis
 from inercal.sensors.choose import choose
-from inercal.sensors.noise import Noise
+from inercal.sensors.response import FELT, Form, Response, respond
 from inercal.sensors.tables import TABLES, Coefficient
 
 Array = NDArray[np.float64]
-Form = Literal["reference", "tilted"]
-_TURNS = ("delta_o", "delta_p")
-_ARMS = ("arm_i", "arm_p", "arm_o")
-_ALONG = {"f": "fi", "w": "wi"}  # what an axis reads when it has no errors
-_FELT = ("fi", "fp", "fo", "wi", "wp", "wo")
-
-
-@dataclass(frozen=True)
-class Readout:
-    """How an axis states its reading: output = offset + scale · (reading in SI).
-
-    Parameters
-    ----------
-    scale : float
-        Nominal scale factor, output units per m/s² or per rad/s.
-    offset : float
-        Output at zero, output units.
-    unit : str
-        Name of the output unit.
-    full_scale : float or None
-        Largest magnitude of output − offset that the axis can state, output units.
-    """
-
-    scale: float = 1.0
-    offset: float = 0.0
-    unit: str = "SI"
-    full_scale: float | None = None
-
-
-@dataclass(frozen=True)
-class Axis:
-    """One measuring axis.
-
-    Parameters
-    ----------
-    name : str
-        Name of the axis, such as "x" or "gz".
-    measures : "f" or "w"
-        Specific force (an accelerometer) or angular rate (a gyro).
-    i, p : tuple of 3 floats
-        Nominal input and pendulous axes, orthogonal unit vectors in the sensor's frame; O = I × P.
-    readout, noise
-        How it states its reading, and the noise in it.
-    """
-
-    name: str
-    measures: Literal["f", "w"]
-    i: tuple[float, float, float]
-    p: tuple[float, float, float]
-    readout: Readout = Readout()
-    noise: Noise = Noise()
-
-    def __post_init__(self) -> None:
-        frame = self.frame
-        if not np.allclose(frame @ frame.T, np.eye(3), atol=1e-9):
-            raise InputError(
-                f"axis {self.name}: I {self.i} and P {self.p} are not orthogonal units"
-            )
-
-    @cached_property
-    def frame(self) -> Array:
-        """Rows I, P, O in the sensor's frame, (3, 3)."""
-        return np.array([self.i, self.p, np.cross(self.i, self.p)])
-
-    def see(self, motion: Motion) -> dict[str, Array]:
-        """Return the components of a motion along I, P, O by name, arrays (..., n)."""
-        seen: dict[str, Array] = {"dT": np.asarray(motion.dT, dtype=float)}
-        for letter, vectors in (("f", motion.f), ("w", motion.w), ("a", motion.dw)):
-            along = vectors @ self.frame.T
-            seen |= {letter + axis: along[..., k] for k, axis in enumerate("ipo")}
-        seen["si"], seen["swi"] = np.sign(seen["fi"]), np.sign(seen["wi"])
-        return seen
-
-
-class _Response(NamedTuple):
-    """Reading of one axis and its derivatives, all (..., n)."""
-
-    reading: Array
-    to_coefficient: dict[str, Array]
-    to_felt: dict[str, Array]  # by component: fi … wo
 
 
 class Linearisation(NamedTuple):
@@ -200,7 +112,7 @@ class Sensor:
     def affine(self) -> bool:
         """Whether readings are affine in f and ω, and depend on nothing else."""
         table = [c.basis for line in self._by_axis.values() for c in line]
-        linear = all(basis.degree(*_FELT) <= 1 for basis in table)
+        linear = all(basis.degree(*FELT) <= 1 for basis in table)
         others = self.uses("si", "swi", "dT", "ai", "ap", "ao")
         return linear and not others and (self.form == "reference" or self.coefficients == ())
 
@@ -277,88 +189,10 @@ class Sensor:
         maps = np.swapaxes(at, -1, -2)
         return maps[p], maps[:p] - maps[p]
 
-    def _respond(self, axis: Axis, motion: Motion, c: Array, *, derive: bool) -> _Response:
-        """Return one axis's reading and, on wish, its derivatives."""
+    def _respond(self, axis: Axis, motion: Motion, c: Array, *, derive: bool) -> Response:
+        lines = self._by_axis[axis.name]
         values = {
             line.name: c[..., self.coefficients.index(f"{axis.name}.{line.name}"), None]
-            for line in self._by_axis[axis.name]
+            for line in lines
         }
-        seen = axis.see(motion)
-        along = _ALONG[axis.measures]
-        geometry = _geometry(values, seen, along) if self.form == "tilted" else None
-        if geometry is not None:
-            seen = seen | {along: geometry.reading, "s" + along[1:]: np.sign(geometry.reading)}
-        terms = [
-            line
-            for line in self._by_axis[axis.name]
-            if geometry is None or line.name not in geometry.to_coefficient
-        ]
-        shape = np.broadcast_shapes(*(v.shape for v in (*seen.values(), *values.values())))
-        reading = np.broadcast_to(seen[along], shape).copy()
-        for line in terms:
-            reading += values[line.name] * line.basis.value(seen)
-        if not derive:
-            return _Response(reading, {}, {})
-        to_coefficient = {line.name: line.basis.value(seen) + np.zeros(shape) for line in terms}
-        to_felt = {name: np.full(shape, float(name == along)) for name in _FELT}
-        for line in terms:
-            for name in _FELT:
-                for product in line.basis.derivative(name):
-                    to_felt[name] += values[line.name] * product.value(seen)
-        if geometry is None:
-            return _Response(reading, to_coefficient, to_felt)
-        # Chain rule through the turned axis: what acts on `along` acts on a(δ, r, f, ω).
-        outer = to_felt.pop(along)
-        to_felt[along] = np.zeros(shape)
-        for name, inner in geometry.to_felt.items():
-            to_felt[name] += outer * inner
-        for name, inner in geometry.to_coefficient.items():
-            to_coefficient[name] = outer * inner
-        return _Response(reading, to_coefficient, to_felt)
-
-
-def _geometry(values: Mapping[str, Array], seen: Mapping[str, Array], along: str) -> _Response:
-    """Return what the turned, displaced axis feels along itself, a, and its derivatives."""
-    tan_o = np.tan(values.get("delta_o", np.zeros(1)))
-    tan_p = np.tan(values.get("delta_p", np.zeros(1)))
-    norm = np.sqrt(1 + tan_o**2 + tan_p**2)
-    h = (1 / norm, tan_o / norm, -tan_p / norm)
-    kind = along[0]
-    felt = [seen[kind + axis] for axis in "ipo"]
-    arm = [values[name] for name in _ARMS] if "arm_i" in values else []
-    to_coefficient: dict[str, Array] = {}
-    to_felt = {kind + axis: h[k] for k, axis in enumerate("ipo")}
-    if arm:
-        w, dw = (np.stack(np.broadcast_arrays(*(seen[s + a] for a in "ipo")), -1) for s in "wa")
-        cross = _cross_matrix(dw) + _cross_matrix(w) @ _cross_matrix(w)
-        r = np.stack(np.broadcast_arrays(*arm), axis=-1)
-        h_row = np.stack(np.broadcast_arrays(*h), axis=-1)
-        felt = [
-            f + part for f, part in zip(felt, np.moveaxis(_apply(cross, r), -1, 0), strict=True)
-        ]
-        along_r = _apply(np.swapaxes(cross, -1, -2), h_row)
-        to_coefficient = {name: along_r[..., k] for k, name in enumerate(_ARMS)}
-        # h·(ω × (ω × r)) = (h·ω)(ω·r) − (h·r) ω², so d/dω = h (ω·r) + (h·ω) r − 2 (h·r) ω
-        dot = {"wr": (w * r).sum(-1), "hw": (h_row * w).sum(-1), "hr": (h_row * r).sum(-1)}
-        to_w = (
-            h_row * dot["wr"][..., None] + dot["hw"][..., None] * r - 2 * dot["hr"][..., None] * w
-        )
-        to_felt |= {"w" + axis: to_w[..., k] for k, axis in enumerate("ipo")}
-    a = sum(component * x for component, x in zip(h, felt, strict=True)) + np.zeros(1)
-    if "delta_o" in values:
-        to_coefficient["delta_o"] = (1 + tan_o**2) / norm * (felt[1] - a * tan_o / norm)
-    if "delta_p" in values:
-        to_coefficient["delta_p"] = (1 + tan_p**2) / norm * (-felt[2] - a * tan_p / norm)
-    return _Response(a, to_coefficient, to_felt)
-
-
-def _cross_matrix(v: Array) -> Array:
-    x, y, z = np.moveaxis(v, -1, 0)
-    zero = np.zeros_like(x)
-    return np.stack(
-        [np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], -2
-    )
-
-
-def _apply(matrix: Array, vector: Array) -> Array:
-    return (matrix @ vector[..., None])[..., 0]
+        return respond(axis, lines, values, motion, self.form, derive=derive)

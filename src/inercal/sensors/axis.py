@@ -1,0 +1,81 @@
+"""One measuring axis: where it points, how it states its reading, and the motion it sees."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.errors import InputError
+from inercal.motion import Motion
+from inercal.sensors.noise import Noise
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Readout:
+    """How an axis states its reading: output = offset + scale · (reading in SI).
+
+    Parameters
+    ----------
+    scale : float
+        Nominal scale factor, output units per m/s² or per rad/s.
+    offset : float
+        Output at zero, output units.
+    unit : str
+        Name of the output unit.
+    full_scale : float or None
+        Largest magnitude of output − offset that the axis can state, output units.
+    """
+
+    scale: float = 1.0
+    offset: float = 0.0
+    unit: str = "SI"
+    full_scale: float | None = None
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One measuring axis.
+
+    Parameters
+    ----------
+    name : str
+        Name of the axis, such as "x" or "gz".
+    measures : "f" or "w"
+        Specific force (an accelerometer) or angular rate (a gyro).
+    i, p : tuple of 3 floats
+        Nominal input and pendulous axes, orthogonal unit vectors in the sensor's frame; O = I × P.
+    readout, noise
+        How it states its reading, and the noise in it.
+    """
+
+    name: str
+    measures: Literal["f", "w"]
+    i: tuple[float, float, float]
+    p: tuple[float, float, float]
+    readout: Readout = Readout()
+    noise: Noise = Noise()
+
+    def __post_init__(self) -> None:
+        frame = self.frame
+        if not np.allclose(frame @ frame.T, np.eye(3), atol=1e-9):
+            raise InputError(
+                f"axis {self.name}: I {self.i} and P {self.p} are not orthogonal units"
+            )
+
+    @cached_property
+    def frame(self) -> Array:
+        """Rows I, P, O in the sensor's frame, (3, 3)."""
+        return np.array([self.i, self.p, np.cross(self.i, self.p)])
+
+    def see(self, motion: Motion) -> dict[str, Array]:
+        """Return the components of a motion along I, P, O by name, arrays (..., n)."""
+        seen: dict[str, Array] = {"dT": np.asarray(motion.dT, dtype=float)}
+        for letter, vectors in (("f", motion.f), ("w", motion.w), ("a", motion.dw)):
+            along = vectors @ self.frame.T
+            seen |= {letter + axis: along[..., k] for k, axis in enumerate("ipo")}
+        seen["si"], seen["swi"] = np.sign(seen["fi"]), np.sign(seen["wi"])
+        return seen
