@@ -17,7 +17,7 @@ from inercal.calibration.verdict import verdict
 from inercal.errors import InputError
 from inercal.estimate import Estimate
 from inercal.io.audit import accept
-from inercal.io.marks import marks_from_file
+from inercal.io.marks import as_read, marks_from_file
 from inercal.io.means import read_means
 from inercal.io.read import Columns, read_recording
 from inercal.io.rest import audit_rest_norm
@@ -25,7 +25,14 @@ from inercal.motion import Motion
 from inercal.plan import Step
 from inercal.recording import Finding, Mark, Observations, Recording
 from inercal.runfile import Run, read
-from inercal.segments import check_against_plan, check_marks, find_marks, marks_from_labels, observe
+from inercal.segments import (
+    check_against_plan,
+    check_marks,
+    check_turn_ends,
+    find_marks,
+    marks_from_labels,
+    observe,
+)
 from inercal.sensors import Sensor
 from inercal.units import parse, readable
 
@@ -83,7 +90,7 @@ def calibrate(run: Run | str | Path) -> Outcome:
         marks = _marks(run, recording)
         check_marks(marks, recording, [step.label for step in run.steps])
         observations = observe(recording, sensor, marks, run.steps)
-        findings = recording.findings
+        findings = recording.findings + check_turn_ends(recording, sensor, marks, run.steps)
     by_label = {step.label: step for step in run.steps}
     unknown = [label for label in observations.labels if label not in by_label]
     if unknown:
@@ -233,13 +240,25 @@ def _columns(run: Run) -> Columns:
         channels=tuple(channels),
         time=None if data.time is None else str(data.time),
         time_unit=data.time_unit,
-        # a stamped recording states its own rate; [data] rate then serves simulations alone
-        rate_hz=run.rate_hz if data.time is None or data.time_unit == "sample" else None,
+        rate_hz=_column_rate(run),
         label=None if data.label is None else str(data.label),
         temperature=None if data.temperature is None else str(data.temperature),
         temperature_unit=data.temperature_unit,
         nonfinite=data.nonfinite,
     )
+
+
+def _column_rate(run: Run) -> float | None:
+    """Return the rate that times the samples: none where a column of time does."""
+    if run.data.kind == "means":
+        return 1.0  # rows follow one another; nothing depends on when
+    stamped = run.data.time is not None and run.data.time_unit != "sample"
+    if run.rate_hz is None and not stamped:
+        raise InputError(
+            f'{run.path}: [data] rate is missing, such as "100 Hz"; or name the time column, '
+            'time = "…" (and time_unit)'
+        )
+    return None if stamped else run.rate_hz
 
 
 def _stated_sd(run: Run) -> dict[str, float]:
@@ -262,7 +281,7 @@ def _marks(run: Run, recording: Recording) -> tuple[Mark, ...]:
         return marks_from_labels(recording)
     if run.data.marks == "found":
         return find_marks(recording, run.sensor, run.steps)
-    return marks_from_file(run.file(run.data.marks))
+    return as_read(marks_from_file(run.file(run.data.marks)), recording)
 
 
 def _conditions(run: Run, recording: Recording | None) -> dict[str, str]:

@@ -80,6 +80,8 @@ class Recording:
         The file and its hash; empty when there is none.
     first_row : int
         Line of sample 0 in the file; 0 where samples and lines do not run in step.
+    original : (n,) array of int or None
+        Number of each sample in the file, where the audit dropped or sorted some.
 
     Raises
     ------
@@ -98,6 +100,7 @@ class Recording:
     source: str = ""
     sha256: str = ""
     first_row: int = 0
+    original: Indices | None = None
 
     def __post_init__(self) -> None:
         n, m = self.time.size, len(self.channels)
@@ -148,6 +151,14 @@ class Recording:
         """Samples before and after each gap, (n_gaps, 2): steps above 1.5 median steps."""
         before = np.flatnonzero(np.diff(self.time) > GAP * self.median_step)
         return np.stack([before, before + 1], axis=-1)
+
+    def span(self, start: int, stop: int) -> float:
+        """Return the duration of samples start to stop (half open), s, by their own stamps.
+
+        Not the number of samples times the median step: rounded stamps have a rounded median.
+        """
+        n = stop - start
+        return float(self.time[stop - 1] - self.time[start]) * n / (n - 1)
 
     def where(self, sample: int) -> str:
         """Return the place of a sample in words: its line where that is known."""
@@ -200,6 +211,8 @@ class Observations:
         Names of the sensor's axes.
     dof : float
         Degrees of freedom behind the covariance; infinite when it was stated.
+    drift : (r, r, m) array or None
+        Covariance between rows of each channel's slow drift, which `covariance` leaves out.
 
     Raises
     ------
@@ -216,6 +229,7 @@ class Observations:
     time: Array
     channels: tuple[str, ...]
     dof: float = np.inf
+    drift: Array | None = None
 
     def __post_init__(self) -> None:
         r, m = len(self.labels), len(self.channels)
@@ -245,3 +259,15 @@ class Observations:
         rows = np.flatnonzero(np.reshape(bad, (-1, len(self.labels))).any(0))
         if rows.size:
             raise InputError(f"observations: {self.labels[rows[0]]} (row {rows[0] + 1}) {what}")
+
+    @property
+    def full_covariance(self) -> Array:
+        """Covariance of all readings, drift included, (..., r·m, r·m); row after row."""
+        r, m = self.mean.shape[-2:]
+        full = np.zeros((*self.covariance.shape[:-3], r, m, r, m))
+        for k in range(r):
+            full[..., k, :, k, :] = self.covariance[..., k, :, :]
+        if self.drift is not None:
+            for a in range(m):
+                full[..., :, a, :, a] += self.drift[..., a]
+        return full.reshape(*full.shape[:-4], r * m, r * m)

@@ -111,7 +111,7 @@ def test_a_folder_and_a_missing_file_are_named(tmp_path: Path):
 def test_many_columns_are_not_all_listed(tmp_path: Path):
     path = tmp_path / "log.csv"
     path.write_text(",".join(f"c{k}" for k in range(50)) + "\n" + ",".join(["1"] * 50) + "\n")
-    with pytest.raises(InputError, match=r"no column 'q'; It has c0, .*, c11, … \(50 in all\)"):
+    with pytest.raises(InputError, match=r"no column 'q'; it has c0, .*, c11, … \(50 in all\)"):
         read_table(path, wanted=["q"])
 
 

@@ -72,7 +72,8 @@ def audit(
         findings += sampled(cleaned)
     for k, channel in enumerate(cleaned.channels):
         findings += channel_findings(cleaned, k, limits.get(channel))
-    return replace(cleaned, findings=tuple(findings))
+    kept = None if np.array_equal(rows, np.arange(recording.time.size)) else rows
+    return replace(cleaned, findings=tuple(findings), original=kept)
 
 
 def accept(recording: Recording) -> Recording:

@@ -4,9 +4,11 @@ import json
 from pathlib import Path
 from typing import Any, cast
 
+import numpy as np
+
 from inercal.errors import InputError
 from inercal.io.read import read_table
-from inercal.recording import Mark
+from inercal.recording import Mark, Recording
 
 
 def marks_from_file(path: Path) -> tuple[Mark, ...]:
@@ -48,3 +50,24 @@ def _mark(path: Path, label: str, entry: object) -> Mark:
     if not (start == int(start) and end == int(end)):
         raise InputError(f"{path}: mark {label!r}: start and end are sample numbers, not {entry}")
     return Mark(label, int(start), int(end))
+
+
+def as_read(marks: tuple[Mark, ...], recording: Recording) -> tuple[Mark, ...]:
+    """Return marks of the file's samples as marks of the recording's, where the audit dropped some.
+
+    Raises
+    ------
+    InputError
+        The audit has put samples in another order: numbers in the file then mark nothing.
+    """
+    original = recording.original
+    if original is None:
+        return marks
+    if (np.diff(original) <= 0).any():
+        raise InputError(
+            f"{recording.source}: samples were put in the order of time, so that sample numbers "
+            'in a file of marks no longer fit; use a label column, marks = "labels"'
+        )
+    limits = np.array([(mark.start, mark.stop) for mark in marks])
+    moved = np.searchsorted(original, limits).tolist()
+    return tuple(Mark(m.label, a, b) for m, (a, b) in zip(marks, moved, strict=True))

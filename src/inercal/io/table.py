@@ -97,7 +97,8 @@ def _suggest(name: str, names: Sequence[str]) -> str:
     near = [by_lower[k] for k in get_close_matches(name.lower(), list(by_lower), n=3)]
     hint = f"did you mean {' or '.join(repr(k) for k in near)}? " if near else ""
     listed = ", ".join(shortened(known) for known in names[:_LISTED])
-    return f"{hint}It has {listed}" + (f", … ({len(names)} in all)" if names[_LISTED:] else "")
+    it = "It" if hint else "it"
+    return f"{hint}{it} has {listed}" + (f", … ({len(names)} in all)" if names[_LISTED:] else "")
 
 
 def shortened(text: str, length: int = 40) -> str:

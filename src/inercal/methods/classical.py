@@ -64,10 +64,8 @@ def classical(
         means = dict(zip(observations.labels, flat.reshape(r, m), strict=True))
         return _coefficients(means, observations, sensor, bench.gravity.value, steps)
 
-    covariance = np.zeros((r, m, r, m))
-    covariance[np.arange(r), :, np.arange(r), :] = observations.covariance
     flat = observations.mean.ravel()
-    value, spread = propagate(formulas, flat, covariance.reshape(r * m, r * m))
+    value, spread = propagate(formulas, flat, observations.full_covariance)
     information = np.linalg.inv(spread / np.outer(sensor.natural, sensor.natural))
     return Estimate(
         names=sensor.coefficients,

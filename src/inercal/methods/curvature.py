@@ -61,34 +61,42 @@ def of_tilts(
         [f"{'tilt' if isinstance(step, Hold) else 'axis'}{k}[{step.label}]" for k in (1, 2)]
         for step in done
     ]
-    if not all(name in estimate.names for pair in names for name in pair):
+    loose = [n for n in range(r) if set(names[n]) <= set(estimate.names)]
+    if not loose:
         return None
+    rows = np.array(loose)
     c, lead = estimate.value[..., :p], estimate.value.shape[:-1]
     declared = bench.nuisances(done, rates=True)
     q = {name: np.array(parameter.value) for name, parameter in declared.items()}
     q |= {name: estimate.value[..., k] for k, name in enumerate(estimate.names)}
-    index = np.array([[estimate.names.index(name) for name in pair] for pair in names])
+    index = np.array([[estimate.names.index(name) for name in names[n]] for n in loose])
     slope = sensor.slope(Motion(np.zeros((1, 3))), c)[..., 0, :, :]
     still = sensor.design(Motion(np.zeros((1, 3))), c)
     # Rows of η as combinations of the parameters' errors: (..., r, m, 2, parameters).
-    eta = np.zeros((*lead, r, m, 2, len(estimate.names)))
-    for n, (step, seconds) in enumerate(zip(done, durations, strict=True)):
-        row = felt(step, float(seconds), q)
+    eta = np.zeros((*lead, len(loose), m, 2, len(estimate.names)))
+    for n, place in enumerate(loose):
+        step = done[place]
+        row = felt(step, float(durations[place]), q)
         # The second derivative to a tangent is minus the vector that leans.
         leans, part = (row.f, slope[..., :3]) if isinstance(step, Hold) else (row.w, slope[..., 3:])
         bends = -(part @ leans[..., None])[..., 0]
-        for k, name in enumerate(names[n]):
+        for k, name in enumerate(names[place]):
             eta[..., n, :, k, index[n, k]] = 0.5 * bends
             to_f, to_w = (d.get(name, np.zeros(3)) for d in (row.df, row.dw))
             mixed = sensor.design(Motion(to_f[..., None, :], to_w[..., None, :]), c) - still
             eta[..., n, :, k, :p] = mixed[..., 0, :, :]
     spread = estimate.covariance
     tau = index.ravel()
-    flat = eta.reshape(*lead, r * m * 2, -1)
-    eta_tau = (flat @ spread[..., tau]).reshape(*lead, r, m, 2, r, 2)
-    eta_eta = (flat @ spread @ np.swapaxes(flat, -1, -2)).reshape(*lead, r, m, 2, r, m, 2)
-    tau_tau = spread[..., tau, :][..., tau].reshape(*lead, r, 2, r, 2)
-    shift = np.einsum("...rakrk->...ra", eta_tau)
+    t = len(loose)
+    flat = eta.reshape(*lead, t * m * 2, -1)
+    eta_tau = (flat @ spread[..., tau]).reshape(*lead, t, m, 2, t, 2)
+    eta_eta = (flat @ spread @ np.swapaxes(flat, -1, -2)).reshape(*lead, t, m, 2, t, m, 2)
+    tau_tau = spread[..., tau, :][..., tau].reshape(*lead, t, 2, t, 2)
+    shift = np.zeros((*lead, r, m))
+    shift[..., rows, :] = np.einsum("...rakrk->...ra", eta_tau)
     covariance = np.einsum("...rakjbl,...rkjl->...rajb", eta_eta, tau_tau)
     covariance += np.einsum("...rakjl,...jblrk->...rajb", eta_tau, eta_tau)
-    return Curvature(shift, covariance.reshape(*lead, r * m, r * m))
+    whole = np.zeros((*lead, r, m, r, m))
+    for n, place in enumerate(loose):
+        whole[..., place, :, rows, :] = np.moveaxis(covariance[..., n, :, :, :], -2, 0)
+    return Curvature(shift, whole.reshape(*lead, r * m, r * m))

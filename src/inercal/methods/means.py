@@ -82,10 +82,10 @@ def problem(
     """
     mean = observations.mean
     if curvature is None:
-        noise = _noise(observations.covariance)
+        noise = _noise(observations)
     else:
         mean = mean - curvature.shift
-        noise = _block_diagonal(observations.covariance) + curvature.covariance
+        noise = observations.full_covariance + curvature.covariance
     rates = any(axis.measures == "w" for axis in sensor.axes)
     declared = bench.nuisances(done, rates=rates)
     known = {name: np.array(p.value) for name, p in declared.items() if p.sd == 0}
@@ -139,21 +139,13 @@ def problem(
     )
 
 
-def _noise(blocks: Array) -> Array:
+def _noise(observations: Observations) -> Array:
     """Return the covariance of all readings, or without correlations their deviations, (..., r·m).
 
     Standard deviations are quicker to work with.
     """
+    blocks = observations.covariance
     variance = np.diagonal(blocks, axis1=-2, axis2=-1)
-    if np.count_nonzero(blocks) == np.count_nonzero(variance):
+    if observations.drift is None and np.count_nonzero(blocks) == np.count_nonzero(variance):
         return np.sqrt(variance).reshape(*variance.shape[:-2], -1)
-    return _block_diagonal(blocks)
-
-
-def _block_diagonal(blocks: Array) -> Array:
-    """Return (..., r·m, r·m) with the (..., r, m, m) blocks on its diagonal."""
-    r, m = blocks.shape[-3:-1]
-    full = np.zeros((*blocks.shape[:-3], r, m, r, m))
-    for k in range(r):
-        full[..., k, :, k, :] = blocks[..., k, :, :]
-    return full.reshape(*blocks.shape[:-3], r * m, r * m)
+    return observations.full_covariance

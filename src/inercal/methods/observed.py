@@ -2,9 +2,9 @@
 
 Two rules beyond the algebraic rank of the problem:
 
-* Bias and scale of an accelerometer must be separated by positions, not by the assumed levelness
-  of faces: with every tilt unknown, a reading counts only along the nominal up. Without −z, say,
-  K₀ and K₁ of z would rest on g·sin(tilt) of the other faces alone.
+* Bias and scale of an accelerometer must be separated by readings of both signs, not by the
+  assumed levelness of faces: without −z, say, K₀ of z would rest on positions in which z should
+  read nothing, and on how level they happened to be.
 * A direction known no better than a tenth of its natural size (10 % of scale, 0.1 g of bias,
   0.1 rad of misalignment) is not observed, whatever residual excitation (the earth's rate, an
   accidental tilt) makes the algebra say.
@@ -21,7 +21,7 @@ from inercal.plan import Hold, Step
 from inercal.sensors import Sensor
 
 OBSERVED = 0.1  # of the natural size
-_PARALLEL = 0.9  # cosine; a face is meant to lie within 25° of an input axis
+_READ = 0.5  # g; an axis must have been up and down by at least so much
 
 
 def require_separated(
@@ -43,9 +43,7 @@ def require_separated(
             continue
         along = ups @ np.array(axis.i)
         lacking = [
-            s
-            for s, there in (("+", along > _PARALLEL), ("−", along < -_PARALLEL))
-            if not there.any()
+            s for s, there in (("+", along > _READ), ("−", along < -_READ)) if not there.any()
         ]
         if lacking:
             sides = " and ".join(f"{sign}{axis.name}" for sign in lacking)

@@ -106,7 +106,7 @@ def _build(path: Path, digest: str, schema: RunSchema) -> Run:
         if not chosen.rates:
             raise InputError(f"[method] turn: method {chosen.name} makes no turns")
         if schema.method.turn is not None:
-            options["angle"] = parse(schema.method.turn, "rad").value
+            options["angle"] = parse(schema.method.turn, "°").value
         if schema.method.turn_seconds is not None:
             options["turn_seconds"] = parse(schema.method.turn_seconds, "s").value
     chosen.estimator(schema.method.estimator)

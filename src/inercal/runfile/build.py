@@ -10,6 +10,7 @@ from inercal.sensors import Noise, Readout, Sensor, imu, triad
 from inercal.units import Measured, factor, parse
 
 _QUANTITY = {"accelerometer": "m/s²", "gyro": "rad/s"}
+_EXAMPLE = {"accelerometer": "2048 {}/g", "gyro": "16.4 {}/(°/s)"}
 _COUNTS = ("LSB", "V")  # an output that is no acceleration or rate: it needs a scale
 
 
@@ -37,7 +38,7 @@ def _readout(kind: str, section: ReadoutSection) -> tuple[Readout, Noise]:
     elif section.scale is None:
         raise InputError(
             f"{key}: {section.unit} without a scale: give the nominal one, such as "
-            f'scale = "2048 {section.unit}/{"g" if kind == "accelerometer" else "(°/s)"}"'
+            f'scale = "{_EXAMPLE[kind].format(section.unit)}"'
         )
     else:
         scale = _value(section.scale, f"{output}/({quantity})", f"{key} scale")
@@ -86,7 +87,7 @@ def build_bench(section: BenchSection) -> Hand:
 
     latitude = None
     if section.latitude is not None:
-        latitude = value("latitude", "rad", -pi)
+        latitude = value("latitude", "°", -pi)
     if section.gravity is not None:
         try:
             gravity = parse(section.gravity, "m/s²")
@@ -102,9 +103,9 @@ def build_bench(section: BenchSection) -> Hand:
     return Hand(
         gravity=gravity,
         latitude=latitude,
-        tilt=value("tilt", "rad"),
-        turn_angle=value("turn_angle", "rad"),
-        turn_tilt=value("turn_tilt", "rad"),
+        tilt=value("tilt", "°"),
+        turn_angle=value("turn_angle", "°"),
+        turn_tilt=value("turn_tilt", "°"),
         timebase=value("timebase", "1"),
     )
 

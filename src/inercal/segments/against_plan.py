@@ -10,12 +10,14 @@ from math import pi
 import numpy as np
 
 from inercal.errors import InputError
-from inercal.plan import Hold, Step, direction
-from inercal.recording import Finding, Observations
+from inercal.plan import Hold, Step, Turn, direction
+from inercal.recording import Finding, Mark, Observations, Recording
 from inercal.sensors import Sensor, inverse
 
 _MEANT = 0.7  # cosine: within 45° of the nominal direction
 _ALIGNED = 0.9
+_END = 0.1  # s at either end of a turn
+_STILL_TURNING = 0.25  # of the fastest rate
 
 
 def check_against_plan(
@@ -86,6 +88,46 @@ def _check_turn(step: Step, angle: np.ndarray) -> list[Finding]:
         )
         return [Finding("warning", "direction", message)]
     return []
+
+
+def check_turn_ends(
+    recording: Recording, sensor: Sensor, marks: Sequence[Mark], steps: Sequence[Step]
+) -> tuple[Finding, ...]:
+    """Return a warning for each turn whose mark begins or ends while the sensor still turns.
+
+    Parameters
+    ----------
+    recording : Recording
+        Without a trial axis.
+    sensor : Sensor
+    marks : sequence of Mark
+    steps : sequence of Step
+        The plan.
+    """
+    by_label = {step.label: step for step in steps}
+    gyros = sensor.only("w")
+    turns = [mark for mark in marks if isinstance(by_label.get(mark.label), Turn)]
+    holds = [mark for mark in marks if isinstance(by_label.get(mark.label), Hold)]
+    if not (gyros.axes and turns and holds):
+        return ()
+    columns = [recording.channels.index(name) for name in gyros.channels]
+    rate = gyros.to_si(recording.data[:, columns])
+    rest = np.mean([rate[mark.start : mark.stop].mean(axis=0) for mark in holds], axis=0)
+    window = max(round(_END * recording.rate_hz), 1)
+    findings: list[Finding] = []
+    for mark in turns:
+        turning = rate[mark.start : mark.stop] - rest
+        fastest = np.linalg.norm(turning, axis=1).max()
+        ends = {"begins": (turning[:window], mark.start), "ends": (turning[-window:], mark.stop)}
+        for word, (piece, sample) in ends.items():
+            share = float(np.linalg.norm(piece.mean(axis=0)) / fastest)
+            if share > _STILL_TURNING:
+                message = (
+                    f"section {mark.label} {word} at sample {sample} while the sensor turns at "
+                    f"{100 * share:.0f} % of its fastest: part of the turn may lie outside the mark"
+                )
+                findings.append(Finding("warning", "mark", message, None, mark.start, mark.stop))
+    return tuple(findings)
 
 
 def _list(vector: np.ndarray) -> str:

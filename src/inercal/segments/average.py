@@ -2,11 +2,11 @@
 
 The noise of the resting sections is pooled: its density at zero frequency, by batch means, gives
 the covariance of every mean, that of the turns included (a turn's own scatter is motion, not
-noise). A stated bias instability adds its Allan floor to every section.
+noise). Bias instability and random walk, which show between sections, are not found but taken as
+the sensor's noise states them.
 """
 
 from collections.abc import Sequence
-from math import log, pi
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 from inercal.errors import InputError
 from inercal.plan import Hold, Step, Turn
 from inercal.recording import Mark, Observations, Recording
+from inercal.segments.drift import drift_covariance
 from inercal.sensors import Sensor
 from inercal.uncertainty import pooled_mean_covariances
 
 Array = NDArray[np.float64]
+MOVING = 10.0  # times the usual scatter; noise differs less between positions, a move far more
 MIN_SAMPLES = 20  # fewer leave no batches to judge the noise by
 
 
@@ -52,26 +54,47 @@ def observe(
                 f"at least {MIN_SAMPLES} are needed"
             )
         sections.append(sensor.to_si(recording.data[..., mark.start : mark.stop, columns]))
-    holds = [
-        section for section, step in zip(sections, used, strict=True) if isinstance(step, Hold)
-    ]
-    if not holds:
+    still = [k for k, step in enumerate(used) if isinstance(step, Hold)]
+    if not still:
         raise InputError(f"{recording.source}: no position at rest is marked")
+    holds = [sections[k] for k in still]
+    _refuse_moves(recording, [used[k].label for k in still], holds)
     samples = np.array([section.shape[-2] for section in sections])
     of_holds, dof = pooled_mean_covariances(holds)
     density = of_holds[0] * holds[0].shape[-2]
-    floor = np.array([2 * log(2) / pi * axis.noise.bias_instability**2 for axis in sensor.axes])
-    starts = np.array([by_label[step.label].start for step in used])
+    ranges = [(by_label[step.label].start, by_label[step.label].stop) for step in used]
+    durations = np.array([recording.span(*limits) for limits in ranges])
+    middles = np.array([recording.time[start] for start, _ in ranges]) + 0.5 * durations
     return Observations(
         labels=tuple(step.label for step in used),
         mean=np.stack([section.mean(axis=-2) for section in sections], axis=-2),
-        covariance=density[..., None, :, :] / samples[:, None, None] + np.diag(floor),
-        duration=samples * recording.median_step,
+        covariance=density[..., None, :, :] / samples[:, None, None],
+        duration=durations,
         samples=samples,
-        time=recording.time[starts] + 0.5 * samples * recording.median_step,
+        time=middles,
         channels=sensor.channels,
         dof=dof,
+        drift=drift_covariance(
+            [axis.noise for axis in sensor.axes],
+            middles - recording.time[0],
+            durations,
+            recording.duration,
+        ),
     )
+
+
+def _refuse_moves(recording: Recording, labels: Sequence[str], holds: Sequence[Array]) -> None:
+    """Refuse a hold that scatters far more than the others: a move lies within its mark."""
+    scatter = np.stack([hold.std(axis=-2) for hold in holds])
+    usual = np.median(scatter, axis=0)
+    ratio = np.where(usual > 0, scatter / np.where(usual > 0, usual, 1.0), 0.0)
+    worst = ratio.reshape(len(holds), -1).max(axis=1)
+    if worst.max() > MOVING:
+        k = int(worst.argmax())
+        raise InputError(
+            f"{recording.source}: section {labels[k]} moves: it scatters {worst[k]:.0f} times as "
+            "much as the other positions; mark only the time at rest"
+        )
 
 
 def _refuse_flaws(recording: Recording, mark: Mark, step: Step, channels: Sequence[str]) -> None:

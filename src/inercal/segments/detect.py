@@ -126,8 +126,8 @@ def _turns(
     """Return the turns: between two rests, about one axis, by nearly the nominal angle."""
     bias = np.median(np.concatenate([w[a:b] for a, b in rests]), axis=0)
     candidates: list[tuple[int, int, Array]] = []
-    for a, b in _runs(~quiet):
-        angle = (w[a:b] - bias).sum(axis=0) * recording.median_step
+    for a, b in (run for run in _runs(~quiet) if run[1] - run[0] > 1):
+        angle = (w[a:b] - bias).mean(axis=0) * recording.span(a, b)
         candidates.append((a, b, angle))
     marks: list[Mark] = []
     for step in steps:

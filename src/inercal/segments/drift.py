@@ -1,0 +1,52 @@
+"""Slow drift of the bias over a recording: its covariance between the means of sections.
+
+For a noise of two-sided spectrum S(f) the covariance of means over T_r and T_s, centred at t_r and
+t_s, is ∫ S(f) sinc(f T_r) sinc(f T_s) cos 2πf(t_r − t_s) df with sinc x = sin πx / πx. Bias
+instability has S = B²/(2πf) (IEEE Std 952, annex B), cut off below 1/(4 × the recording's length):
+what is slower than that is the bias that is looked for. A random walk K is counted from the
+recording's start; its covariance at times t and t' is K² min(t, t').
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.sensors import Noise
+
+Array = NDArray[np.float64]
+_POINTS_A_DECADE = 400  # the cosine's fastest cycles are then damped by the sincs
+_BEYOND = 30.0  # cycles in the shortest section, where the sincs have died out
+
+
+def drift_covariance(
+    noises: Sequence[Noise], middles: Array, durations: Array, length: float
+) -> Array | None:
+    """Return the covariance between the r means of each of m channels, (r, r, m); None if no drift.
+
+    Parameters
+    ----------
+    noises : sequence of m Noise
+        Of the channels.
+    middles, durations : (r,) arrays
+        Of the sections, s from the recording's start; sections do not overlap.
+    length : float
+        Of the recording, s.
+    """
+    flickers = np.array([noise.bias_instability for noise in noises])
+    walks = np.array([noise.random_walk for noise in noises])
+    if not (flickers.any() or walks.any()):
+        return None
+    low, high = 0.25 / length, _BEYOND / float(durations.min())
+    points = int(_POINTS_A_DECADE * np.log10(high / low)) + 2
+    f: Array = np.geomspace(low, high, points)
+    smooth: Array = np.sinc(f * durations[:, None])
+    apart = middles[:, None] - middles
+    # df/f = d(ln f); twice, for the negative frequencies.
+    integrand = smooth[:, None] * smooth * np.cos(2 * np.pi * f * apart[..., None]) / np.pi
+    steps = np.diff(np.log(f))
+    flicker = 0.5 * (integrand[..., 1:] + integrand[..., :-1]) @ steps
+    walk = np.minimum(middles[:, None], middles)
+    # Within one section min(t, t') averages to its start plus a third of its length.
+    np.fill_diagonal(walk, middles - durations / 6)
+    return flicker[..., None] * flickers**2 + walk[..., None] * walks**2

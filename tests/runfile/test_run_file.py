@@ -1,0 +1,230 @@
+"""A run file is read into SI, and a mistake in it is one line that says where and what else."""
+
+from math import pi
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.runfile.texts import FERRARIS, SIX_POSITIONS, changed, run_file
+
+from inercal.earth import normal_gravity
+from inercal.errors import InputError
+from inercal.plan import Turn
+from inercal.runfile import read
+from inercal.sensors import G0
+
+DEGREE = pi / 180
+
+
+def refusal(path: Path) -> str:
+    """Return the one line that refuses a run file, which it names."""
+    with pytest.raises(InputError) as refused:
+        read(path)
+    message = str(refused.value)
+    assert "\n" not in message
+    assert message.startswith(f"{path}: ")
+    return message.removeprefix(f"{path}: ")
+
+
+def test_a_good_file_comes_out_in_si(tmp_path: Path):
+    run = read(run_file(tmp_path, FERRARIS))
+    assert (run.sensor.name, run.sensor.channels) == ("board 7", ("ax", "ay", "az", "gx", "gy", "gz"))
+    accelerometer, gyro = run.sensor.axes[0], run.sensor.axes[3]
+    assert accelerometer.readout.scale == pytest.approx(2048 / G0, rel=1e-15)
+    assert accelerometer.readout.full_scale == pytest.approx(16 * 2048)
+    assert accelerometer.noise.white == pytest.approx(100e-6 * G0)
+    assert gyro.readout.scale == pytest.approx(180 / pi)
+    assert gyro.noise.white == pytest.approx(0.3 * DEGREE / 60)
+    assert gyro.noise.bias_instability == pytest.approx(8 * DEGREE / 3600)
+    assert run.truth["ax.k0"] == pytest.approx(0.032 * G0)
+    assert run.truth["ay.k1"] == pytest.approx(-0.005)
+    assert run.truth["gz.g_i"] == pytest.approx(110 * DEGREE / 3600 / G0)
+    assert (run.bench.gravity.value, run.bench.gravity.sd) == (9.81, pytest.approx(2e-4))
+    assert run.bench.latitude == pytest.approx(47 * DEGREE)
+    assert run.bench.turn_tilt == pytest.approx(0.3 * DEGREE)
+    assert run.rate_hz == 50
+    assert run.estimator == "ml"
+    turns = [step for step in run.steps if isinstance(step, Turn)]
+    assert [(t.angle, t.seconds) for t in turns] == [(pytest.approx(2 * pi), 4.0)] * 3
+    assert {step.seconds for step in run.steps[:6]} == {4.0}
+    assert len(run.sensor.coefficients) == 3 * 4 + 3 * 7
+
+
+def test_gravity_is_computed_from_latitude_and_height_where_it_is_not_stated(tmp_path: Path):
+    path = run_file(
+        tmp_path, FERRARIS, ('gravity = "9.81 m/s² ± 0.2 mm/s²"', 'height = "280 m"')
+    )
+    assert read(path).bench.gravity == normal_gravity(47 * DEGREE, 280.0)
+
+
+def test_a_prior_is_a_gaussian_on_one_coefficient(tmp_path: Path):
+    prior = '\n[method.prior]\n"az.k0" = "3 mg ± 0.5 mg"\n'
+    (found,) = read(run_file(tmp_path, FERRARIS + prior)).priors
+    assert found.names == ("az.k0",)
+    assert found.mean == pytest.approx([0.003 * G0])
+    assert np.sqrt(found.covariance) == pytest.approx(np.array([[0.0005 * G0]]))
+
+
+def test_files_are_named_relative_to_the_run_file(tmp_path: Path):
+    assert read(run_file(tmp_path, FERRARIS)).file("log.csv") == tmp_path / "log.csv"
+
+
+def test_chosen_coefficients_replace_those_of_the_method(tmp_path: Path):
+    chosen = ('name = "ferraris"', 'name = "ferraris"\ncoefficients = ["bias", "az.scale"]')
+    names = read(run_file(tmp_path, FERRARIS, chosen)).sensor.coefficients
+    assert names == ("ax.k0", "ay.k0", "az.k0", "az.k1", "gx.bias", "gy.bias", "gz.bias")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('tilt = "0.3 °"\nturn_a', 'tillt = "0.3 °"\nturn_a', ["unknown key bench.tillt", "tilt,"]),
+        ('[method]\nname = "f', '[method]\nnam = "f', ["method.name is missing"]),
+        ('name = "ferraris"', 'name = "ferraris"\nx = 1', ["unknown key method.x", "estimator"]),
+        ('unit = "°/s"', 'unit = "°/s"\nnoise = "1"', ["sensor.gyro.noise", "white"]),
+        ('[sensor]\n', 'speed = 1\n[sensor]\n', ["unknown key speed", "sensor, bench, data"]),
+        ('rate = "50 Hz"', 'rate = 50', ["data.rate", "string"]),
+        ('marks = "found"', 'nonfinite = "ignore"', ["data.nonfinite", "'refuse' or 'drop'"]),
+        ('unit = "°/s"', 'unit = "°/fortnight"', ["[sensor.gyro] unit", "fortnight"]),
+        ('unit = "°/s"', 'unit = "m/s²"', ["[sensor.gyro] unit", "'LSB' or 'V'"]),
+        ('scale = "2048 LSB/g"\n', "", ["[sensor.accelerometer]", "without a scale", "LSB/g"]),
+        ('"2048 LSB/g"', '"2048 LSB/(°/s)"', ["[sensor.accelerometer] scale", "2048 LSB/(°/s)"]),
+        ('"2048 LSB/g"', '"0 LSB/g"', ["[sensor.accelerometer] scale", "zero"]),
+        ('unit = "°/s"', 'unit = "°/s"\nscale = "16 LSB/(°/s)"', ["[sensor.gyro] scale", "none"]),
+        ('"16 g"', '"16 °/s"', ["[sensor.accelerometer] full_scale", "16 °/s"]),
+        ('"100 µg/√Hz"', '"100 µg"', ["[sensor.accelerometer] white", "100 µg"]),
+        ('tilt = "0.3 °"\nturn_a', 'tilt = "-0.3 °"\nturn_a', ["[bench] tilt", "negative"]),
+        ('tilt = "0.3 °"\nturn_a', 'tilt = "2 mm"\nturn_a', ["[bench] tilt", "2 mm", "rad"]),
+        ('tilt = "0.3 °"\nturn_a', 'tilt = "0.3"\nturn_a', ["[bench] tilt", "unit"]),
+        ('"9.81 m/s² ± 0.2 mm/s²"', '"5 m/s²"', ["[bench] gravity", "9.76 to 9.84"]),
+        ('"9.81 m/s² ± 0.2 mm/s²"', '"98.1 m"', ["[bench] gravity", "98.1 m"]),
+        ('latitude = "47 °"', 'kind = "robot"', ["bench.kind", "'hand'"]),
+        ('name = "ferraris"', 'name = "feraris"', ["'feraris'", "six_position, ferraris"]),
+        (
+            'name = "ferraris"',
+            'name = "ferraris"\nestimator = "best"',
+            ["estimator 'best'", "ml, classical"],
+        ),
+        (
+            'name = "ferraris"',
+            'name = "ferraris"\ncoefficients = ["k9"]',
+            ["'k9'", "k0", "misalignment"],
+        ),
+        (
+            'name = "ferraris"',
+            'name = "ferraris"\ncoefficients = ["ax.k2"]',
+            ["cannot see ax.k2", "scale"],
+        ),
+        ('"ax.k0" = "32 mg"', '"ax.k9" = "32 mg"', ["'ax.k9'", "k0"]),
+        ('"ax.k0" = "32 mg"', '"ax.k0" = "32 °/s"', ["[sensor.truth] ax.k0", "32 °/s"]),
+        ('"ax.k0" = "32 mg"', '"ax.k0" = "much"', ["[sensor.truth] ax.k0", "much"]),
+        ('rate = "50 Hz"', 'rate = "-50 Hz"', ["[data] rate", "positive"]),
+        ('rate = "50 Hz"', 'rate = "50 s"', ["[data] rate", "50 s"]),
+        ('turn = "360 °"', 'turn = "1 s"', ["[method] turn", "1 s"]),
+        ('seconds = "4 s"\nturn =', 'seconds = "4 m"\nturn =', ["[method] seconds", "4 m"]),
+    ],
+)
+def test_a_mistake_is_refused_with_its_key(
+    tmp_path: Path, old: str, new: str, words: list[str]
+):
+    message = refusal(run_file(tmp_path, FERRARIS, (old, new)))
+    assert all(word in message for word in words), message
+
+
+@pytest.mark.parametrize("section", ["sensor", "bench", "data", "method", "sensor.accelerometer"])
+def test_a_section_that_is_missing_is_named(tmp_path: Path, section: str):
+    parts = FERRARIS.split("\n\n")
+    kept = [part for part in parts if not part.startswith(f"[{section}")]
+    path = tmp_path / "run.toml"
+    path.write_text("\n\n".join(kept), encoding="utf-8")
+    assert refusal(path) == f"{section} is missing"
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        ("3 mg", "no uncertainty; write ±"),
+        ("3 mg ± 0.5 °", "[method.prior] az.k0"),
+        ("three", "[method.prior] az.k0"),
+    ],
+)
+def test_a_prior_that_cannot_be_used_is_refused(tmp_path: Path, value: str, words: str):
+    message = refusal(run_file(tmp_path, f'{FERRARIS}\n[method.prior]\n"az.k0" = "{value}"\n'))
+    assert message.startswith("[method.prior] az.k0")
+    assert words in message
+
+
+def test_a_prior_on_what_is_not_calibrated_is_refused(tmp_path: Path):
+    message = refusal(run_file(tmp_path, FERRARIS + '\n[method.prior]\n"az.k2" = "1 ± 1"\n'))
+    assert "az.k2" in message
+    assert "az.k1" in message  # what is possible
+
+
+def test_neither_gravity_nor_latitude_is_refused_with_both_ways(tmp_path: Path):
+    text = changed(FERRARIS, ('gravity = "9.81 m/s² ± 0.2 mm/s²"\n', ""), ('latitude = "47 °"\n', ""))
+    message = refusal(run_file(tmp_path, text))
+    assert message.startswith("bench: give gravity = ")
+    assert "latitude" in message
+
+
+def test_turns_of_a_method_that_makes_none_are_refused(tmp_path: Path):
+    message = refusal(run_file(tmp_path, SIX_POSITIONS + 'turn = "360 °"\n'))
+    assert message == "[method] turn: method six_position makes no turns"
+
+
+def test_a_method_that_needs_gyros_refuses_a_triad(tmp_path: Path):
+    message = refusal(run_file(tmp_path, SIX_POSITIONS, ('"six_position"', '"ferraris"')))
+    assert "needs accelerometers and gyros" in message
+
+
+@pytest.mark.parametrize("key", ["seconds", "turn_seconds"])
+def test_a_step_without_duration_is_refused(tmp_path: Path, key: str):
+    text = FERRARIS.replace(f'\n{key} = "4 s"', f'\n{key} = "-4 s"')
+    assert text != FERRARIS
+    assert key in refusal(run_file(tmp_path, text))
+
+
+@pytest.mark.parametrize("value", ["nan °", "inf °", "1e400 °"])
+def test_a_tilt_that_is_no_finite_number_is_refused(tmp_path: Path, value: str):
+    old = ('tilt = "0.3 °"\nturn_a', f'tilt = "{value}"\nturn_a')
+    assert "[bench] tilt" in refusal(run_file(tmp_path, FERRARIS, old))
+
+
+def test_no_toml_is_refused_with_the_line(tmp_path: Path):
+    path = run_file(tmp_path, FERRARIS, ('rate = "50 Hz"', 'rate = "50 Hz'))
+    line = 1 + path.read_text(encoding="utf-8").split("\n").index('rate = "50 Hz')
+    message = refusal(path)
+    assert "TOML" in message
+    assert f"line {line}" in message
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        np.random.default_rng(1).integers(0, 256, 5000, dtype=np.uint8).tobytes(),
+        bytes(5000),
+        FERRARIS.encode("utf-16"),
+        b"[" * 5000,
+        b"a = " + b"[" * 100_000,
+        b"a." * 5000,
+    ],
+    ids=["random", "zeros", "UTF-16", "brackets", "nested", "dotted"],
+)
+def test_junk_is_refused_in_one_line(tmp_path: Path, content: bytes):
+    path = tmp_path / "run.toml"
+    path.write_bytes(content)
+    assert "TOML" in refusal(path)
+
+
+def test_an_empty_file_lacks_its_sections(tmp_path: Path):
+    path = tmp_path / "run.toml"
+    path.write_bytes(b"")
+    assert refusal(path) == "sensor is missing"
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path: Path):
+    assert refusal(tmp_path / "none.toml") == "no such run file"
+
+
+def test_a_folder_is_no_run_file(tmp_path: Path):
+    assert "cannot be read" in refusal(tmp_path)
