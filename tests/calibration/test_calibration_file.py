@@ -1,0 +1,205 @@
+"""Calibrations come back from disk as they were, and changed ones do not come back."""
+
+import errno
+import hashlib
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inercal.calibration import Calibration
+from inercal.calibration.files import load, save
+from inercal.errors import InputError
+from inercal.frames import exp_so3
+from inercal.sensors import G0, Readout, imu
+
+
+def calibration(seed: int = 1) -> Calibration:
+    """Return one whose numbers have all their digits."""
+    rng = np.random.default_rng(seed)
+    readouts = Readout(2048 / G0, 1 / 3, "LSB", 32768.0), Readout(180 / np.pi, 0.0, "°/s")
+    blank = imu()
+    sensor = imu(
+        "Gerät № 7", (readouts[0], blank.axes[0].noise), (readouts[1], blank.axes[3].noise)
+    ).with_coefficients("bias", "scale", "misalignment", "g", "k2")
+    p = len(sensor.coefficients)
+    root = rng.standard_normal((p, p)) * 10.0 ** rng.uniform(-8, 2, p)
+    return Calibration(
+        sensor,
+        rng.standard_normal(p) * 10.0 ** rng.uniform(-12, 3, p),
+        root @ root.T,
+        "ferraris",
+        "ml",
+        {"gravity": "9.81 ± 0.01 m/s²"},
+        {"recording": "log.csv", "created": "2026-01-02T03:04:05+00:00"},
+        ("the first line", "another; with „quotes“ and \\ and \n"),
+        "triangular",
+        exp_so3(rng.standard_normal(3)),
+    )
+
+
+def refusal(path: Path) -> str:
+    with pytest.raises(InputError) as refused:
+        load(path)
+    message = str(refused.value)
+    assert message.startswith(f"{path}: ")
+    assert "\n" not in message
+    return message
+
+
+def changed(path: Path, change: Callable[[dict[str, Any]], object], *, hashed: bool = False) -> Path:
+    """Change the content of a saved file; with the hash made to fit where `hashed`."""
+    content = json.loads(path.read_text(encoding="utf-8"))
+    change(content)
+    if hashed:
+        content.pop("sha256", None)
+        text = json.dumps(content, sort_keys=True, ensure_ascii=False, separators=(",", ":"))
+        content["sha256"] = hashlib.sha256(text.encode()).hexdigest()
+    path.write_text(json.dumps(content, ensure_ascii=False), encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def saved(tmp_path: Path) -> Path:
+    return save(calibration(), tmp_path / "a.calibration.json")
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_every_number_comes_back_bit_for_bit(tmp_path: Path, seed: int):
+    written = calibration(seed)
+    path = tmp_path / "a.calibration.json"
+    assert save(written, path) == path
+    found = load(path)
+    for name in ("values", "covariance", "mount"):
+        assert getattr(found, name).tobytes() == getattr(written, name).tobytes(), name
+    # Noise describes the recording, not the correction: it is left out.
+    assert [(a.name, a.measures, a.i, a.p, a.readout) for a in found.sensor.axes] == [
+        (a.name, a.measures, a.i, a.p, a.readout) for a in written.sensor.axes
+    ]
+    for name in ("name", "coefficients", "form", "reference_temperature"):
+        assert getattr(found.sensor, name) == getattr(written.sensor, name)
+    for name in ("method", "estimator", "conditions", "provenance", "notes", "frame"):
+        assert getattr(found, name) == getattr(written, name)
+
+
+def test_saving_what_was_loaded_writes_the_same_bytes(saved: Path, tmp_path: Path):
+    assert save(load(saved), tmp_path / "b.json").read_bytes() == saved.read_bytes()
+
+
+def test_coefficients_are_written_with_si_units(saved: Path):
+    rows = {r["name"]: r for r in json.loads(saved.read_text(encoding="utf-8"))["coefficients"]}
+    assert rows["ax.k0"]["unit"] == "m/s²"
+    assert rows["gz.bias"]["unit"] == "rad/s"
+    assert rows["ay.delta_p"]["unit"] == "rad"
+    assert rows["az.k2"]["unit"] == "(m/s²)⁻¹"
+    assert rows["gx.g_i"]["unit"] == "(rad/s)/(m/s²)"
+
+
+def test_a_file_laid_out_anew_is_still_the_same_calibration(saved: Path):
+    before = load(saved)
+    content = json.loads(saved.read_text(encoding="utf-8"))
+    shuffled = dict(reversed(content.items()))
+    saved.write_text(json.dumps(shuffled, indent=4), encoding="utf-8")
+    assert load(saved).values.tobytes() == before.values.tobytes()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda c: c["coefficients"][0].update(value=np.nextafter(c["coefficients"][0]["value"], 9)),
+        lambda c: c["coefficients"][3].update(unit="1"),
+        lambda c: c["covariance"][2].__setitem__(5, c["covariance"][2][5] * (1 + 4e-16) + 1e-300),
+        lambda c: c["mount"][0].__setitem__(0, 0.5),
+        lambda c: c["sensor"]["axes"][1]["readout"].update(scale=2049.0),
+        lambda c: c["sensor"].update(name="another"),
+        lambda c: c["conditions"].update(gravity="9.82 m/s²"),
+        lambda c: c["notes"].pop(),
+        lambda c: c.update(more=1),
+        lambda c: c.pop("sha256"),
+        lambda c: c.update(sha256="0" * 64),
+    ],
+)
+def test_any_change_of_the_content_is_detected(saved: Path, change: Callable[[Any], object]):
+    assert "changed since it was written" in refusal(changed(saved, change))
+
+
+def test_a_changed_digit_in_the_text_is_detected(saved: Path):
+    text = saved.read_text(encoding="utf-8")
+    at = text.index('"value": ') + len('"value": ') + 4
+    digit = "1" if text[at] != "1" else "2"
+    saved.write_text(text[:at] + digit + text[at + 1 :], encoding="utf-8")
+    assert "changed since it was written" in refusal(saved)
+
+
+@pytest.mark.parametrize("schema", ["inercal/calibration/2", "imucal/1", None, 7])
+def test_another_schema_is_refused_with_the_one_that_is_read(saved: Path, schema: object):
+    message = refusal(changed(saved, lambda c: c.update(schema=schema), hashed=True))
+    assert f"schema {schema!r}; this version reads 'inercal/calibration/1'" in message
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda c: c.pop("covariance"),
+        lambda c: c["coefficients"].pop(),
+        lambda c: c["coefficients"][0].update(name="ax.k9"),
+        lambda c: c["coefficients"][0].update(value="much"),
+        lambda c: c["sensor"]["axes"].pop(),
+        lambda c: c["sensor"]["axes"][0].update(i=[1, 1, 0]),
+        lambda c: c["sensor"]["axes"][0]["readout"].update(gain=1),
+        lambda c: c.update(sensor=[]),
+        lambda c: c.update(mount=[[1, 0], [0, 1]]),
+        lambda c: c.update(frame="sideways"),
+        lambda c: c["sensor"].update(form="twisted"),
+        lambda c: c.update(notes=7),
+    ],
+)
+def test_fields_that_do_not_fit_are_refused(saved: Path, change: Callable[[Any], object]):
+    assert "broken calibration file" in refusal(changed(saved, change, hashed=True))
+
+
+@pytest.mark.parametrize("kept", [0, 1, 100, 2000])
+def test_a_truncated_file_is_refused(saved: Path, kept: int):
+    saved.write_bytes(saved.read_bytes()[:kept])
+    assert "not a calibration file" in refusal(saved)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [bytes(range(256)), b"[1, 2]", b"7", b"null", b"[" * 100_000, b'{"schema": ' * 100_000],
+    ids=["binary", "list", "number", "null", "nested lists", "nested objects"],
+)
+def test_what_is_no_calibration_is_refused(tmp_path: Path, content: bytes):
+    path = tmp_path / "junk.json"
+    path.write_bytes(content)
+    assert "calibration file" in refusal(path) or "schema None" in refusal(path)
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path: Path):
+    assert "no such calibration file" in refusal(tmp_path / "none.json")
+    refusal(tmp_path)
+
+
+def test_a_folder_that_is_not_there_is_refused_and_not_made(tmp_path: Path):
+    with pytest.raises(InputError, match="cannot be written"):
+        save(calibration(), tmp_path / "none" / "a.json")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_disk_that_fills_up_leaves_the_old_file_and_nothing_else(
+    saved: Path, monkeypatch: pytest.MonkeyPatch
+):
+    before = saved.read_bytes()
+
+    def full(path: Path, text: str, **_: object) -> int:
+        path.write_bytes(text.encode()[:100])
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", full)
+    with pytest.raises(InputError, match=r"cannot be written: No space left on device"):
+        save(calibration(2), saved)
+    assert saved.read_bytes() == before
+    assert list(saved.parent.iterdir()) == [saved]
