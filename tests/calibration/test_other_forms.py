@@ -1,6 +1,5 @@
 """The same calibration in IEEE 1293's equation, in the tilted form and in other body frames."""
 
-from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -107,6 +106,13 @@ def test_the_equation_of_ieee_1293_gives_the_sensors_output():
         inside = c[f"{n}.k0"] + i + c[f"{n}.k2"] * i**2 + c[f"{n}.k3"] * i**3
         inside += c[f"{n}.delta_o"] * p - c[f"{n}.delta_p"] * o + c[f"{n}.kip"] * i * p
         assert output[:, k] - 12.0 == pytest.approx(c[f"{n}.K1"] * inside, rel=1e-12, abs=1e-9)
+
+
+def test_the_form_of_the_model_does_not_change_ieee_1293():
+    known = calibration(triad("t", "f", "", LSB), "bias", "scale", "misalignment")
+    reference, tilted = known.ieee1293(), known.in_form("tilted").ieee1293()
+    assert tilted.names == reference.names
+    assert tilted.values == pytest.approx(reference.values, rel=1e-12)
 
 
 def test_the_covariance_of_ieee_1293_is_that_of_monte_carlo():
@@ -294,13 +300,13 @@ def test_only_triads_change_frame():
             calibration(sensor, "bias", "scale").in_frame("triangular")
 
 
-def test_the_tilted_form_changes_frame_only_after_the_reference_form():
-    # Its misalignments are angles, not components: turning them as components would be wrong.
-    tilted = calibration(imu(), *AFFINE).in_form("tilted")
+@pytest.mark.parametrize("frame", FRAMES)
+def test_the_tilted_form_changes_frame_as_the_reference_form_does(
+    frame: Literal["triangular", "symmetric"],
+):
+    known = calibration(imu(), *AFFINE)
+    turned = known.in_form("tilted").in_frame(frame)
     motion = motions()
-    try:
-        turned = tilted.in_frame("triangular")
-    except InputError:
-        return
-    seen = replace(motion, f=motion.f @ turned.mount.T, w=motion.w @ turned.mount.T)
-    assert readings(turned, seen) == pytest.approx(readings(tilted, motion), abs=1e-9)
+    seen = Motion(motion.f @ turned.mount.T, motion.w @ turned.mount.T)
+    assert readings(turned, seen) == pytest.approx(readings(known, motion), abs=1e-11)
+    assert turned.mount == pytest.approx(known.in_frame(frame).mount, abs=1e-12)

@@ -94,7 +94,7 @@ def test_chosen_coefficients_replace_those_of_the_method(tmp_path: Path):
         ('"16 g"', '"16 °/s"', ["[sensor.accelerometer] full_scale", "16 °/s"]),
         ('"100 µg/√Hz"', '"100 µg"', ["[sensor.accelerometer] white", "100 µg"]),
         ('tilt = "0.3 °"\nturn_a', 'tilt = "-0.3 °"\nturn_a', ["[bench] tilt", "negative"]),
-        ('tilt = "0.3 °"\nturn_a', 'tilt = "2 mm"\nturn_a', ["[bench] tilt", "2 mm", "rad"]),
+        ('tilt = "0.3 °"\nturn_a', 'tilt = "2 mm"\nturn_a', ["[bench] tilt", "2 mm", "angle"]),
         ('tilt = "0.3 °"\nturn_a', 'tilt = "0.3"\nturn_a', ["[bench] tilt", "unit"]),
         ('"9.81 m/s² ± 0.2 mm/s²"', '"5 m/s²"', ["[bench] gravity", "9.76 to 9.84"]),
         ('"9.81 m/s² ± 0.2 mm/s²"', '"98.1 m"', ["[bench] gravity", "98.1 m"]),

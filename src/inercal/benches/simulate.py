@@ -113,7 +113,7 @@ def _move(start: Array, end: Array, g: Array, rate_hz: float) -> tuple[Array, Ar
     axis = np.cross(start, end)
     size = np.linalg.norm(axis, axis=-1, keepdims=True)
     aside = np.cross(start, np.eye(3)[np.argmin(np.abs(start[0]))])
-    axis = np.where(size > 1e-3, axis, aside)  # from face to opposite face: any level axis
+    axis = np.where(size > 1e-12, axis, aside)  # from face to opposite face: any level axis
     axis = axis / np.linalg.norm(axis, axis=-1, keepdims=True)
     angle = np.arctan2((np.cross(start, end) * axis).sum(-1), (start * end).sum(-1))
     s = (np.arange(n) + 0.5) / n

@@ -169,7 +169,10 @@ class Calibration:
 
     def ieee1293(self) -> Converted:
         """Return E = K₁ (K₀ + a + K₂ a² + …) of each accelerometer axis, with covariance."""
-        return ieee1293(self.sensor, self.values, self.covariance)
+        # The standard's equation is the reference form; nonlinear terms stay along their own axis.
+        linear = replace(self.sensor, form="reference").affine
+        plain = self.in_form("reference") if linear else self
+        return ieee1293(plain.sensor, plain.values, plain.covariance)
 
     def in_form(self, form: Form) -> "Calibration":
         """Return the calibration with its model in the "reference" or the "tilted" form.
@@ -202,15 +205,19 @@ class Calibration:
             return self
         if frame not in ("triangular", "symmetric"):
             raise InputError(f"frame {frame!r}; 'triangular' or 'symmetric' can be made of 'mount'")
-        sensor, values, covariance, turn = reframe(self.sensor, self.values, self.covariance, frame)
-        return replace(
-            self,
+        plain = self.in_form("reference")
+        sensor, values, covariance, turn = reframe(
+            plain.sensor, plain.values, plain.covariance, frame
+        )
+        turned = replace(
+            plain,
             sensor=sensor,
             values=values,
             covariance=covariance,
             frame=frame,
             mount=turn @ self.mount,
         )
+        return turned.in_form(self.sensor.form)
 
 
 __all__ = ["Calibration", "Converted", "Frame"]

@@ -8,14 +8,14 @@ Schema "inercal/calibration/1": `sensor` (axes with input and pendulous axes, re
 import hashlib
 import json
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, cast, get_args
 
 import numpy as np
 
-from inercal.calibration import Calibration
+from inercal.calibration import Calibration, Frame
 from inercal.errors import InercalError, InputError
 from inercal.io.atomic import atomic_write
-from inercal.sensors import SI_UNITS, Axis, Readout, Sensor
+from inercal.sensors import SI_UNITS, Axis, Form, Readout, Sensor
 
 SCHEMA = "inercal/calibration/1"
 
@@ -90,7 +90,7 @@ def load(path: str | Path) -> Calibration:
         content = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise InputError(f"{path}: no such calibration file") from None
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"{path}: not a calibration file: {error}") from None
     fields = cast(dict[str, Any], content) if isinstance(content, dict) else {}
     if fields.get("schema") != SCHEMA:
@@ -121,6 +121,15 @@ def _from_object(content: dict[str, Any]) -> Calibration:
         described["form"],
         described["reference_temperature_K"],
     )
+    mount = np.array(content["mount"], dtype=float)
+    for name, value, possible in (
+        ("frame", content["frame"], get_args(Frame)),
+        ("form", described["form"], get_args(Form)),
+    ):
+        if value not in possible:
+            raise InputError(f"{name} {value!r} is none of {', '.join(possible)}")
+    if mount.shape != (3, 3):
+        raise InputError(f"mount has shape {mount.shape}, not (3, 3)")
     return Calibration(
         sensor,
         np.array([c["value"] for c in content["coefficients"]], dtype=float),
@@ -131,5 +140,5 @@ def _from_object(content: dict[str, Any]) -> Calibration:
         content["provenance"],
         tuple(content["notes"]),
         content["frame"],
-        np.array(content["mount"], dtype=float),
+        mount,
     )

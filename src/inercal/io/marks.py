@@ -22,16 +22,17 @@ def marks_from_file(path: Path) -> tuple[Mark, ...]:
     if path.suffix.lower() == ".json":
         entries: Any
         try:
-            entries = json.loads(path.read_text(encoding="utf-8"))
+            text = path.read_text(encoding="utf-8")
+            entries = json.loads(text, object_pairs_hook=_once)
         except FileNotFoundError:
             raise InputError(f"{path}: no such file of marks") from None
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, RecursionError) as error:
             raise InputError(f"{path}: not a JSON file of marks: {error}") from None
         if not isinstance(entries, dict):
             raise InputError(f'{path}: expected an object {{"label": {{"start": …, "end": …}}}}')
         labelled = cast(dict[str, object], entries)
         return tuple(_mark(path, label, entry) for label, entry in labelled.items())
-    table = read_table(path)
+    table = read_table(path, text=("label",))
     missing = [name for name in ("label", "start", "end") if name not in table.columns]
     if missing:
         raise InputError(
@@ -42,12 +43,21 @@ def marks_from_file(path: Path) -> tuple[Mark, ...]:
     return tuple(_mark(path, str(a), {"start": b, "end": c}) for a, b, c in rows)
 
 
+def _once(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    """Return the object, refusing a name that comes twice, which JSON would let pass."""
+    names = [name for name, _ in pairs]
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(f"{name!r} comes twice")
+    return dict(pairs)
+
+
 def _mark(path: Path, label: str, entry: object) -> Mark:
     try:
         start, end = (float(entry[key]) for key in ("start", "end"))  # type: ignore[index]
     except (TypeError, KeyError, ValueError):
         raise InputError(f"{path}: mark {label!r} needs numbers 'start' and 'end'") from None
-    if not (start == int(start) and end == int(end)):
+    if not (start.is_integer() and end.is_integer()):
         raise InputError(f"{path}: mark {label!r}: start and end are sample numbers, not {entry}")
     return Mark(label, int(start), int(end))
 
@@ -69,5 +79,7 @@ def as_read(marks: tuple[Mark, ...], recording: Recording) -> tuple[Mark, ...]:
             'in a file of marks no longer fit; use a label column, marks = "labels"'
         )
     limits = np.array([(mark.start, mark.stop) for mark in marks])
-    moved = np.searchsorted(original, limits).tolist()
+    # Beyond the last sample numbers run on, so that a mark outside the file stays outside.
+    beyond = np.maximum(limits - (int(original[-1]) + 1), 0)
+    moved = (np.searchsorted(original, limits) + beyond).tolist()
     return tuple(Mark(m.label, a, b) for m, (a, b) in zip(marks, moved, strict=True))

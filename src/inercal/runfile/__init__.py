@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import get_args
 
 import numpy as np
 from pydantic import BaseModel, ValidationError
@@ -19,10 +19,17 @@ from inercal.errors import InputError
 from inercal.estimate import Gaussian
 from inercal.methods import Method, method
 from inercal.plan import Step
-from inercal.runfile.build import build_bench, build_sensor, coefficient_value
+from inercal.runfile.build import build_bench, build_sensor, coefficient_value, si_value
 from inercal.runfile.schema import DataSection, RunSchema
 from inercal.sensors import Sensor
-from inercal.units import parse
+
+# [method] keys of the plan: key, unit like, argument of the method's plan
+_PLAN = (
+    ("seconds", "s", "seconds"),
+    ("turn", "°", "angle"),
+    ("turn_seconds", "s", "turn_seconds"),
+)
+_SENSE = ", or negative for a turn clockwise seen from above"
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +92,8 @@ def read(path: str | Path) -> Run:
         content = tomllib.loads(raw.decode("utf-8"))
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise InputError(f"{path}: not a TOML run file: {error}") from None
+    except RecursionError:
+        raise InputError(f"{path}: not a TOML run file: nested too deeply") from None
     try:
         schema = RunSchema.model_validate(content)
     except ValidationError as error:
@@ -99,16 +108,16 @@ def _build(path: Path, digest: str, schema: RunSchema) -> Run:
     chosen = method(schema.method.name)
     whole = build_sensor(schema.sensor)
     part = chosen.prepare(whole, schema.method.coefficients)
-    options: dict[str, Any] = {}
-    if schema.method.seconds is not None:
-        options["seconds"] = parse(schema.method.seconds, "s").value
-    if schema.method.turn is not None or schema.method.turn_seconds is not None:
-        if not chosen.rates:
-            raise InputError(f"[method] turn: method {chosen.name} makes no turns")
-        if schema.method.turn is not None:
-            options["angle"] = parse(schema.method.turn, "°").value
-        if schema.method.turn_seconds is not None:
-            options["turn_seconds"] = parse(schema.method.turn_seconds, "s").value
+    options: dict[str, float] = {}
+    for key, like, option in _PLAN:
+        text = getattr(schema.method, key)
+        if text is None:
+            continue
+        if key != "seconds" and not chosen.rates:
+            raise InputError(f"[method] {key}: method {chosen.name} makes no turns")
+        options[option] = si_value(text, like, f"[method] {key}")
+        if options[option] == 0 or (like == "s" and options[option] < 0):
+            raise InputError(f"[method] {key}: {text!r} must be positive" + _SENSE * (like == "°"))
     chosen.estimator(schema.method.estimator)
     priors: list[Gaussian] = []
     for name, text in schema.method.prior.items():
@@ -120,7 +129,7 @@ def _build(path: Path, digest: str, schema: RunSchema) -> Run:
         name: coefficient_value(whole.with_coefficients(name), name, text, "[sensor.truth]").value
         for name, text in schema.sensor.truth.items()
     }
-    rate = None if schema.data.rate is None else parse(schema.data.rate, "Hz").value
+    rate = None if schema.data.rate is None else si_value(schema.data.rate, "Hz", "[data] rate")
     if rate is not None and rate <= 0:
         raise InputError(f"[data] rate: {schema.data.rate!r} must be positive")
     return Run(
@@ -146,9 +155,10 @@ def _first(error: ValidationError) -> str:
     if complaint["type"] == "extra_forbidden":
         model: type[BaseModel] = RunSchema
         for part in where[:-1]:
-            inner = model.model_fields[part].annotation
-            if isinstance(inner, type) and issubclass(inner, BaseModel):
-                model = inner
+            annotation = model.model_fields[part].annotation
+            for inner in (annotation, *get_args(annotation)):  # a section may be optional
+                if isinstance(inner, type) and issubclass(inner, BaseModel):
+                    model = inner
         return f"unknown key {key}; possible here: {', '.join(model.model_fields)}"
     if complaint["type"] == "missing":
         return f"{key} is missing"

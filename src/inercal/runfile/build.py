@@ -41,12 +41,12 @@ def _readout(kind: str, section: ReadoutSection) -> tuple[Readout, Noise]:
             f'scale = "{_EXAMPLE[kind].format(section.unit)}"'
         )
     else:
-        scale = _value(section.scale, f"{output}/({quantity})", f"{key} scale")
+        scale = si_value(section.scale, f"{output}/({quantity})", f"{key} scale")
     if scale == 0:
         raise InputError(f"{key} scale: must not be zero")
     full = None
     if section.full_scale is not None:
-        full = abs(scale) * _value(section.full_scale, quantity, f"{key} full_scale")
+        full = abs(scale) * si_value(section.full_scale, quantity, f"{key} full_scale")
     likes = {
         "white": f"({quantity})/√Hz",
         "bias_instability": quantity,
@@ -54,7 +54,7 @@ def _readout(kind: str, section: ReadoutSection) -> tuple[Readout, Noise]:
         "quantisation": quantity,
     }
     noise = {
-        name: _value(text, like, f"{key} {name}")
+        name: si_value(text, like, f"{key} {name}")
         for name, like in likes.items()
         if (text := getattr(section, name)) is not None
     }
@@ -69,7 +69,8 @@ def _is(unit: str, like: str) -> bool:
     return True
 
 
-def _value(text: str, like: str, key: str) -> float:
+def si_value(text: str, like: str, key: str) -> float:
+    """Return a quantity given as text, SI; a complaint names `key`."""
     try:
         return parse(text, like).value
     except InputError as error:
@@ -80,7 +81,7 @@ def build_bench(section: BenchSection) -> Hand:
     """Return the bench."""
 
     def value(name: str, like: str, lowest: float = 0.0) -> float:
-        number = _value(getattr(section, name), like, f"[bench] {name}")
+        number = si_value(getattr(section, name), like, f"[bench] {name}")
         if number < lowest:
             raise InputError(f"[bench] {name}: {getattr(section, name)!r} must not be negative")
         return number

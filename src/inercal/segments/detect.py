@@ -22,7 +22,8 @@ SHORTEST = 1.0  # s
 # Ratio to the quietest tenth: white noise over a window of 50 samples stays below 1.5, a hand's
 # movement is tens to thousands.
 _RESTLESS = 3.0
-_TURNING = 10.0  # quietest scatters that a resting rate may differ between attitudes
+_TURNING = 10.0  # quietest scatters that a resting rate may differ between attitudes, and
+_SLOWEST = 0.01  # rad/s: no hand turns slower, and neither the earth nor gravity does as much
 _ALIGNED = 0.9  # cosine between a mean specific force (a turn's axis) and the nominal direction
 _TURN_TOLERANCE = 0.25  # a turn's angle may be wrong by this part and still be meant
 
@@ -68,7 +69,7 @@ def find_marks(recording: Recording, sensor: Sensor, steps: Sequence[Step]) -> t
         )
     marks = _holds(y[:, force], rests, steps)
     if rate:
-        marks += _turns(y[:, rate], recording, quiet, rests, steps)
+        marks += _turns(y[:, rate], y[:, force], recording, quiet, rests, steps)
     order = [step.label for step in steps]
     return tuple(sorted(marks, key=lambda mark: order.index(mark.label)))
 
@@ -88,7 +89,7 @@ def _at_rest(x: Array, window: int, *, rate: bool) -> NDArray[np.bool_]:
     quiet = deviation < _RESTLESS * floor
     if rate and quiet.any():
         # In the middle of a turn the rate may be as steady as at rest, but it is not that of rest.
-        quiet &= np.abs(mean - np.median(mean[quiet])) < _TURNING * floor
+        quiet &= np.abs(mean - np.median(mean[quiet])) < max(_TURNING * floor, _SLOWEST)
     return quiet
 
 
@@ -118,31 +119,31 @@ def _holds(f: Array, rests: Sequence[tuple[int, int]], steps: Sequence[Step]) ->
 
 def _turns(
     w: Array,
+    f: Array,
     recording: Recording,
     quiet: NDArray[np.bool_],
     rests: Sequence[tuple[int, int]],
     steps: Sequence[Step],
 ) -> list[Mark]:
-    """Return the turns: between two rests, about one axis, by nearly the nominal angle."""
+    """Return the turns: about the vertical, so that gravity stays in place, by the right angle."""
     bias = np.median(np.concatenate([w[a:b] for a, b in rests]), axis=0)
+    window = round(WINDOW * recording.rate_hz)
     candidates: list[tuple[int, int, Array]] = []
     for a, b in (run for run in _runs(~quiet) if run[1] - run[0] > 1):
-        angle = (w[a:b] - bias).mean(axis=0) * recording.span(a, b)
-        candidates.append((a, b, angle))
+        before, after = (
+            f[max(a - window, 0) : a + 1].mean(axis=0),
+            f[b - 1 : b + window].mean(axis=0),
+        )
+        if before @ after > _ALIGNED * np.linalg.norm(before) * np.linalg.norm(after):
+            candidates.append((a, b, (w[a:b] - bias).mean(axis=0) * recording.span(a, b)))
     marks: list[Mark] = []
     for step in steps:
         if not isinstance(step, Turn):
             continue
-        nominal = step.angle * np.array(step.axis)
-        fitting = [
-            (a, b, angle)
-            for a, b, angle in candidates
-            if np.linalg.norm(np.abs(angle) - np.abs(nominal)) < _TURN_TOLERANCE * abs(step.angle)
-            and np.abs(angle) @ np.abs(nominal) > _ALIGNED * np.linalg.norm(angle) * abs(step.angle)
-        ]
-        if fitting:
-            a, b, _ = min(
-                fitting, key=lambda c: float(np.linalg.norm(np.abs(c[2]) - np.abs(nominal)))
-            )
+        # The sense is left open: a turn the other way is found, and said by the check of the plan.
+        nominal = np.abs(step.angle * np.array(step.axis))
+        apart = [float(np.linalg.norm(np.abs(angle) - nominal)) for _, _, angle in candidates]
+        if apart and min(apart) < _TURN_TOLERANCE * abs(step.angle):
+            a, b, _ = candidates[int(np.argmin(apart))]
             marks.append(Mark(step.label, a, b))
     return marks

@@ -1,0 +1,87 @@
+"""The program as a shell sees it: what it prints where, its status, and what it imports."""
+
+import json
+import subprocess
+import sys
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+from tests.runfile.texts import SIX_POSITIONS, run_file
+
+HEAVY = ("numpy", "scipy", "numba", "pint", "matplotlib")
+VERBS = ("demo", "calibrate", "simulate", "apply", "report")
+
+
+def inercal(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    # What the installed script does, without relying on where it was installed.
+    start = "from inercal.cli.app import main; main()"
+    command = [sys.executable, "-c", start, *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, encoding="utf-8", check=False)
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["calibrate", "--help"], ["--version"]])
+def test_help_and_version_import_no_numerics(arguments: list[str]):
+    code = (
+        "import sys\n"
+        f"sys.argv[1:] = {arguments!r}\n"
+        "from inercal.cli.app import main\n"
+        "try:\n"
+        "    main()\n"
+        "except SystemExit as stop:\n"
+        "    assert not stop.code, stop.code\n"
+        f"print([m for m in {HEAVY!r} if m in sys.modules], file=sys.stderr)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, encoding="utf-8", check=True
+    )
+    assert done.stderr.strip() == "[]"
+
+
+def test_help_lists_every_verb():
+    done = inercal("--help")
+    assert done.returncode == 0
+    assert all(f" {verb} " in done.stdout for verb in VERBS)
+
+
+def test_the_version_is_the_installed_one():
+    done = inercal("--version")
+    assert (done.returncode, done.stdout) == (0, f"inercal {version('inercal')}\n")
+
+
+@pytest.mark.parametrize("arguments", [["frobnicate"], ["calibrate"], ["calibrate", "a", "--fast"]])
+def test_a_misused_command_line_is_status_2_and_says_how_to_get_help(arguments: list[str]):
+    done = inercal(*arguments)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert "--help" in done.stderr
+
+
+def test_a_mistake_is_one_line_on_standard_error_and_status_2(tmp_path: Path):
+    done = inercal("calibrate", tmp_path / "none.toml", "--out", tmp_path)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr == f"inercal: {tmp_path / 'none.toml'}: no such run file\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_broken_recording_leaves_one_line_and_no_file(tmp_path: Path):
+    path = run_file(tmp_path, SIX_POSITIONS)
+    (tmp_path / "log.csv").write_bytes(b"")
+    done = inercal("calibrate", path, "--out", tmp_path)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr == "inercal: log.csv is empty: record or export it again\n"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["log.csv", "run.toml"]
+
+
+def test_simulate_and_calibrate_work_one_after_the_other(tmp_path: Path):
+    path = run_file(tmp_path, SIX_POSITIONS)
+    simulated = inercal("simulate", path, "--seed", "4", "--json")
+    assert (simulated.returncode, simulated.stderr) == (0, "")
+    assert json.loads(simulated.stdout)["recording"] == str(tmp_path / "log.csv")
+    done = inercal("calibrate", path, "--out", tmp_path, "--no-report")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "ax.k0" in done.stdout
+    assert "the data agree with the stated noise and bench" in " ".join(done.stdout.split())
+    assert (tmp_path / "run.calibration.json").is_file()

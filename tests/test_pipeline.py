@@ -1,0 +1,261 @@
+"""The main path end to end in Python: simulate, write, calibrate, apply."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.runfile.texts import FERRARIS, SIX_POSITIONS, run_file
+
+from inercal.benches.simulate import perform
+from inercal.errors import InputError, NotObserved
+from inercal.io.write import write_recording
+from inercal.pipeline import Outcome, apply, calibrate, named_as_in, simulate
+from inercal.recording import Recording
+from inercal.runfile import Run, read
+from inercal.sensors import G0
+
+
+def recorded(folder: Path, text: str, *changes: tuple[str, str], seed: int = 1) -> Run:
+    """Write a run file and the recording that it names."""
+    run = read(run_file(folder, text, *changes))
+    write_recording(named_as_in(run, simulate(run, seed)), run.file(run.data.file))
+    return run
+
+
+def errors(outcome: Outcome, run: Run) -> np.ndarray:
+    """Return the errors over their stated standard uncertainties."""
+    names = outcome.calibration.sensor.coefficients
+    truth = np.array([run.truth.get(name, 0.0) for name in names])
+    return (outcome.calibration.values - truth) / outcome.calibration.std
+
+
+@pytest.mark.parametrize("text", [FERRARIS, SIX_POSITIONS], ids=["ferraris", "six positions"])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_what_was_simulated_is_found_within_its_uncertainty(tmp_path: Path, text: str, seed: int):
+    run = recorded(tmp_path, text, seed=seed)
+    outcome = calibrate(run)
+    assert np.abs(errors(outcome, run)).max() < 4.5
+    assert outcome.calibration.method == run.method.name
+    assert [mark.label for mark in outcome.marks] == [step.label for step in run.steps]
+    assert outcome.recording is not None
+    assert outcome.calibration.provenance["recording sha256"] == outcome.recording.sha256
+
+
+@pytest.mark.parametrize("suffix", ["csv", "npz"])
+@pytest.mark.parametrize("marks", ["found", "labels"])
+def test_marks_from_the_signal_and_from_a_column_give_one_answer(
+    tmp_path: Path, suffix: str, marks: str
+):
+    changes = [('"log.csv"', f'"log.{suffix}"')]
+    if marks == "labels":
+        changes.append(('marks = "found"', 'marks = "labels"\nlabel = "label"'))
+    run = recorded(tmp_path, FERRARIS, *changes)
+    assert np.abs(errors(calibrate(run), run)).max() < 4.5
+
+
+def test_marks_from_a_file_are_those_used(tmp_path: Path):
+    run = recorded(tmp_path, FERRARIS, ('marks = "found"', 'marks = "marks.csv"'))
+    labels = simulate(run, 1).labels
+    assert labels is not None
+    rows = ["label,start,end"]
+    for step in run.steps:
+        inside = np.flatnonzero(labels == step.label)
+        rows.append(f"{step.label},{inside[0] + 10},{inside[-1] + 1}")
+    (tmp_path / "marks.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    outcome = calibrate(run)
+    marks = [f"{m.label},{m.start},{m.stop}" for m in outcome.marks]
+    assert sorted(marks) == sorted(rows[1:])
+    assert np.abs(errors(outcome, run)).max() < 4.5
+
+
+def test_columns_are_named_by_header_or_by_number(tmp_path: Path):
+    named = recorded(
+        tmp_path,
+        FERRARIS,
+        ('file = "log.csv"', 'file = "log.csv"\naccelerometer = ["a", "b", "c"]'),
+    )
+    header = (tmp_path / "log.csv").read_text(encoding="utf-8").split("\n")[0]
+    assert header == "time,a,b,c,gyr_x,gyr_y,gyr_z,label"
+    expected = calibrate(named).calibration.values
+    # The same file without its header: columns are counted from 1.
+    lines = (tmp_path / "log.csv").read_text(encoding="utf-8").splitlines()[1:]
+    bare = [line.rpartition(",")[0] for line in lines]
+    (tmp_path / "log.csv").write_text("\n".join(bare) + "\n", encoding="utf-8")
+    numbered = run_file(
+        tmp_path,
+        FERRARIS,
+        ('time = "time"', "time = 1"),
+        ('file = "log.csv"', 'file = "log.csv"\naccelerometer = [2, 3, 4]\ngyro = [5, 6, 7]'),
+    )
+    assert calibrate(numbered).calibration.values == pytest.approx(expected, rel=1e-12)
+
+
+def test_a_corrected_recording_is_close_to_what_was_felt(tmp_path: Path):
+    changes = (
+        ('tilt = "0.3 °"\nturn_a', 'tilt = "2 ″"\nturn_a'),
+        ('turn_tilt = "0.3 °"', 'turn_tilt = "2 ″"'),
+        ('turn_angle = "0.5 °"', 'turn_angle = "10 ″"'),
+        ('"100 µg/√Hz"', '"1 µg/√Hz"'),
+        ('"0.3 °/√h"', '"0.001 °/√h"'),
+        ('bias_instability = "8 °/h"\n', ""),
+        ('marks = "found"', 'marks = "labels"\nlabel = "label"'),
+    )
+    run = recorded(tmp_path, FERRARIS, *changes)
+    corrected = apply(calibrate(run).calibration, run)
+    # The bench's errors are the first that a simulation draws from its seed.
+    assert run.rate_hz is not None
+    true = perform(run.bench, run.steps, run.rate_hz, np.random.default_rng(1)).motion
+    assert corrected.channels == ("fx", "fy", "fz", "wx", "wy", "wz")
+    assert corrected.units == ("m/s²",) * 3 + ("rad/s",) * 3
+    assert np.abs(corrected.data[:, :3] - true.f[0]).max() < 1e-3  # m/s²; 0.3 before
+    assert np.abs(corrected.data[:, 3:] - true.w[0]).max() < 3e-4  # rad/s; 0.03 before
+
+
+def test_a_calibration_of_other_units_is_not_applied(tmp_path: Path):
+    run = recorded(tmp_path, SIX_POSITIONS)
+    known = calibrate(run).calibration
+    other = run_file(tmp_path, SIX_POSITIONS, ('unit = "g"', 'unit = "m/s²"'))
+    (tmp_path / "log.csv").unlink()
+    run = read(other)
+    write_recording(named_as_in(run, simulate(run, 1)), run.file(run.data.file))
+    with pytest.raises(InputError, match="channel ax is in m/s²; this calibration is for g"):
+        apply(known, run)
+
+
+def test_one_seed_gives_one_recording_and_trials_are_independent(tmp_path: Path):
+    run = read(run_file(tmp_path, FERRARIS))
+    first, again = simulate(run, 3), simulate(run, 3)
+    assert np.array_equal(first.data, again.data)
+    many = simulate(run, 3, trials=3)
+    assert many.data.shape == (3, *first.data.shape)
+    assert not np.array_equal(many.data[0], many.data[1])
+    with pytest.raises(InputError, match="axis of trials"):
+        write_recording(many, tmp_path / "many.npz")
+
+
+def test_a_simulation_without_a_rate_is_refused(tmp_path: Path):
+    path = run_file(tmp_path, FERRARIS, ('rate = "50 Hz"\n', ""))
+    with pytest.raises(InputError, match=r"\[data\] rate is missing; a simulation needs it"):
+        simulate(path)
+
+
+def test_a_truth_beyond_the_method_is_simulated_and_shows_as_misfit(tmp_path: Path):
+    # K₂ of 5 mg/g² is no part of the six-position model: up and down no longer agree.
+    k2 = ('"ax.k0" = "32 mg"', '"ax.k0" = "32 mg"\n"ax.k2" = "5 mg/g²"')
+    run = recorded(tmp_path, SIX_POSITIONS, k2, ('tilt = "0.3 °"', 'tilt = "0.01 °"'))
+    outcome = calibrate(run)
+    assert not outcome.estimate.consistent
+    assert "larger than noise and bench allow" in outcome.verdict[0]
+
+
+def without(run: Run, *labels: str) -> Recording:
+    """Return the run's recording with some of its sections cut out, time going on."""
+    made = simulate(run, 1)
+    assert made.labels is not None
+    cut = named_as_in(run, made.take(~np.isin(made.labels, labels)))
+    return replace(cut, time=np.arange(cut.time.size) / 50.0)
+
+
+@pytest.mark.parametrize(
+    ("missing", "words"),
+    [
+        (["z_a"], ["az.k0 and az.k1 are not separated", "−az up", "z_a (−z up)"]),
+        (["z_p", "z_a"], ["ax.delta_p, ay.delta_o, az.k1", "z_p (+z up), z_a (−z up)"]),
+        (["y_p", "z_p"], ["ay.k0 and ay.k1", "az.k0 and az.k1", "+ay up", "+az up"]),
+    ],
+)
+def test_positions_that_are_missing_leave_coefficients_not_observed_by_name(
+    tmp_path: Path, missing: list[str], words: list[str]
+):
+    labels = ('time = "time"', 'time = "time"\nmarks = "labels"\nlabel = "label"')
+    run = read(run_file(tmp_path, SIX_POSITIONS, labels))
+    write_recording(without(run, *missing), run.file(run.data.file))
+    with pytest.raises(NotObserved) as refused:
+        calibrate(run)
+    message = str(refused.value)
+    assert all(word in message for word in words), message
+    assert "\n" not in message
+
+
+def test_a_turn_that_is_missing_is_not_observed_by_name(tmp_path: Path):
+    labels = ('marks = "found"', 'marks = "labels"\nlabel = "label"')
+    run = read(run_file(tmp_path, FERRARIS, labels))
+    write_recording(without(run, "z_rot"), run.file(run.data.file))
+    with pytest.raises(NotObserved) as refused:
+        calibrate(run)
+    assert "gz.scale" in str(refused.value)
+    assert "z_rot (turn by +360° about +z)" in str(refused.value)
+
+
+def test_a_prior_supplies_what_the_positions_do_not(tmp_path: Path):
+    labels = ('time = "time"', 'time = "time"\nmarks = "labels"\nlabel = "label"')
+    prior = '\n[method.prior]\n"az.k0" = "0 mg ± 1 mg"\n'
+    run = read(run_file(tmp_path, SIX_POSITIONS + prior, labels))
+    write_recording(without(run, "z_a"), run.file(run.data.file))
+    found = calibrate(run).calibration
+    # The four faces with z level know the bias to half their tilt of 0.3°: 2.6 mg.
+    level = 9.81 * np.radians(0.3) / 2
+    expected = (1 / (1e-3 * G0) ** 2 + 1 / level**2) ** -0.5
+    assert found.uncertainty("az.k0") == pytest.approx(expected, rel=0.02)
+    assert found.uncertainty("az.k1") == pytest.approx(expected / 9.81, rel=0.02)
+    assert found.uncertainty("ax.k0") < 3e-4 * G0
+
+
+MEANS = """\
+position,acc_x,acc_y,acc_z
+x_p,1.0300,0.0040,-0.0030
+x_a,-0.9680,0.0010,0.0020
+y_p,0.0310,0.9950,0.0000
+y_a,0.0330,-0.9950,0.0000
+z_p,0.0300,0.0000,1.0010
+z_a,0.0330,0.0000,-1.0000
+"""
+OF_MEANS = (
+    ('time = "time"\n', 'kind = "means"\nlabel = "position"\nsd = { accelerometer = "0.1 mg" }\n'),
+    ('gravity = "9.81 m/s² ± 0.2 mm/s²"', 'gravity = "9.80665 m/s²"'),
+)
+
+
+def test_means_typed_by_hand_are_calibrated_without_a_recording(tmp_path: Path):
+    (tmp_path / "log.csv").write_text(MEANS, encoding="utf-8")
+    outcome = calibrate(run_file(tmp_path, SIX_POSITIONS, *OF_MEANS))
+    found = outcome.calibration
+    assert outcome.recording is None
+    # Half the sum and half the difference of up and down; half a degree adds 40 ppm at most.
+    assert found.value("ax.k0") / G0 == pytest.approx((1.03 - 0.968) / 2, abs=2e-4)
+    assert found.value("ax.k1") == pytest.approx((1.03 + 0.968) / 2 - 1, abs=2e-4)
+    assert found.value("az.k0") / G0 == pytest.approx(0.0005, abs=2e-4)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("y_a,0.0330", "y_p,0.0330", "position 'y_p' comes in several rows"),
+        ("y_a,0.0330", "Y_A,0.0330", "no step 'Y_A' in the plan; it has x_p, x_a"),
+        ("acc_z\n", "az\n", "'acc_z'"),
+        ("-1.0000", "nan", "log.csv line 7: column 'acc_z' is not finite"),
+        ("-1.0000", "low", "'acc_z'"),
+    ],
+)
+def test_a_table_of_means_that_cannot_be_used_is_refused(
+    tmp_path: Path, old: str, new: str, words: str
+):
+    assert MEANS.count(old) == 1
+    (tmp_path / "log.csv").write_text(MEANS.replace(old, new), encoding="utf-8")
+    with pytest.raises(InputError) as refused:
+        calibrate(run_file(tmp_path, SIX_POSITIONS, *OF_MEANS))
+    message = str(refused.value)
+    assert "log.csv" in message
+    assert words in message
+    assert "\n" not in message
+
+
+def test_means_without_a_stated_deviation_are_refused(tmp_path: Path):
+    (tmp_path / "log.csv").write_text(MEANS, encoding="utf-8")
+    changes = (
+        ('time = "time"\n', 'kind = "means"\nlabel = "position"\n'),
+        OF_MEANS[1],
+    )
+    with pytest.raises(InputError, match=r"\[data\.sd\] accelerometer is missing"):
+        calibrate(run_file(tmp_path, SIX_POSITIONS, *changes))
