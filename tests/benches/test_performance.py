@@ -135,9 +135,7 @@ def test_errors_of_different_positions_and_turns_are_independent():
 
 def test_a_run_feels_one_gravity_and_one_clock_in_all_its_steps():
     done = performed()
-    norms = [
-        np.linalg.norm(done.motion.f[:, section(done, step.label)], axis=-1) for step in STEPS
-    ]
+    norms = [np.linalg.norm(done.motion.f[:, section(done, step.label)], axis=-1) for step in STEPS]
     assert np.ptp(np.concatenate(norms, axis=1), axis=1) == pytest.approx(0, abs=1e-12)
     assert "timebase" in done.drawn
     assert not [name for name in done.drawn if name.startswith(("g[", "timebase["))]

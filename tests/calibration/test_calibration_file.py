@@ -50,7 +50,9 @@ def refusal(path: Path) -> str:
     return message
 
 
-def changed(path: Path, change: Callable[[dict[str, Any]], object], *, hashed: bool = False) -> Path:
+def changed(
+    path: Path, change: Callable[[dict[str, Any]], object], *, hashed: bool = False
+) -> Path:
     """Change the content of a saved file; with the hash made to fit where `hashed`."""
     content = json.loads(path.read_text(encoding="utf-8"))
     change(content)

@@ -85,7 +85,9 @@ def test_ieee_1293_of_one_axis_is_that_computed_by_hand():
     }
     values = np.array([by_name.get(name, 0.0) for name in sensor.coefficients])
     found = Calibration(sensor, values, np.zeros((values.size,) * 2)).ieee1293()
-    stated = dict(zip(found.names, zip(found.values.tolist(), found.units, strict=True), strict=True))
+    stated = dict(
+        zip(found.names, zip(found.values.tolist(), found.units, strict=True), strict=True)
+    )
     assert stated["x.K1"] == (pytest.approx(2020.0), "LSB/g")
     assert stated["x.k0"] == (pytest.approx(0.02 / 1.01), "g")
     assert stated["x.delta_o"] == (pytest.approx(1e-3 / 1.01), "rad")
@@ -95,7 +97,9 @@ def test_ieee_1293_of_one_axis_is_that_computed_by_hand():
 
 
 def test_the_equation_of_ieee_1293_gives_the_sensors_output():
-    known = calibration(triad("t", "f", "", LSB), "bias", "scale", "misalignment", "k2", "k3", "kip")
+    known = calibration(
+        triad("t", "f", "", LSB), "bias", "scale", "misalignment", "k2", "k3", "kip"
+    )
     found = known.ieee1293()
     c = dict(zip(found.names, found.values.tolist(), strict=True))
     motion = Motion(motions().f)
@@ -263,7 +267,9 @@ def test_the_covariance_in_another_frame_is_that_of_monte_carlo(
     natural = sensor.natural
     found = known.in_frame(frame)
     assert found.sensor.coefficients == sensor.coefficients
-    assert_covariance(found.covariance / np.outer(natural, natural), np.stack(columns, -1) / natural)
+    assert_covariance(
+        found.covariance / np.outer(natural, natural), np.stack(columns, -1) / natural
+    )
 
 
 def test_coefficients_that_were_not_calibrated_appear_where_the_turn_makes_them():

@@ -13,9 +13,7 @@ from inercal.sensors import G0, Sensor, imu, triad
 SENSOR = triad("t", "f", "a").with_coefficients("bias", "scale")
 
 
-def estimate(
-    sensor: Sensor, chi2: float, dof: int, sd: float = 50e-6, **values: float
-) -> Estimate:
+def estimate(sensor: Sensor, chi2: float, dof: int, sd: float = 50e-6, **values: float) -> Estimate:
     """Return one whose deviations are `sd` of the natural sizes."""
     p = len(sensor.coefficients)
     given = {name.replace("_", ".", 1): value for name, value in values.items()}
@@ -40,7 +38,9 @@ def estimate(
 
 def test_consistent_data_are_said_to_agree():
     summary, *others = verdict(estimate(SENSOR, 10.5, 12), SENSOR, (), "ml")
-    assert summary.startswith("6 coefficients found; the data agree with the stated noise and bench")
+    assert summary.startswith(
+        "6 coefficients found; the data agree with the stated noise and bench"
+    )
     assert "χ² = 10.5 with 12 degrees of freedom" in summary
     assert "p = 0.57" in summary  # P(χ²₁₂ > 10.5) = 0.572
     assert len(others) == 1

@@ -189,7 +189,7 @@ INPUTS = {
 
 @pytest.fixture(scope="module")
 def recordings(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
-    """The good recording of each run file."""
+    """Return the good recording of each run file."""
     found: dict[str, bytes] = {}
     for text in (SIX_POSITIONS, FERRARIS):
         run = read(run_file(tmp_path_factory.mktemp("good"), text))

@@ -31,9 +31,7 @@ DOCUMENTED = {
 
 
 @pytest.fixture
-def said(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Callable[..., str]:
+def said(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
     """Run the program within this process; return its standard output."""
 
     def run(*arguments: str | Path) -> str:
@@ -159,7 +157,7 @@ def test_apply_corrects_a_recording_to_specific_force_and_rates(
     assert norm == pytest.approx(9.81, abs=1e-3)
     assert [rest[name].mean() for name in ("wx", "wy", "wz")] == pytest.approx([0] * 3, abs=3e-4)
     # A turn about x by 360°, within its declared half a degree, after six holds and six moves.
-    start, stop = round(50 * (6 * 4 + 6 * 2)), round(50 * (6 * 4 + 6 * 2 + 2 * 1.5 + 4))
+    start, stop = 50 * (6 * 4 + 6 * 2), 50 * (6 * 4 + 6 * 2 + 2 + 1 + 4)  # two pauses of 1.5 s
     turned = table["wx"][start:stop].sum() / 50
     assert turned == pytest.approx(2 * np.pi, abs=5 * np.radians(0.5))
 

@@ -28,7 +28,10 @@ def refusal(path: Path) -> str:
 
 def test_a_good_file_comes_out_in_si(tmp_path: Path):
     run = read(run_file(tmp_path, FERRARIS))
-    assert (run.sensor.name, run.sensor.channels) == ("board 7", ("ax", "ay", "az", "gx", "gy", "gz"))
+    assert (run.sensor.name, run.sensor.channels) == (
+        "board 7",
+        ("ax", "ay", "az", "gx", "gy", "gz"),
+    )
     accelerometer, gyro = run.sensor.axes[0], run.sensor.axes[3]
     assert accelerometer.readout.scale == pytest.approx(2048 / G0, rel=1e-15)
     assert accelerometer.readout.full_scale == pytest.approx(16 * 2048)
@@ -51,9 +54,7 @@ def test_a_good_file_comes_out_in_si(tmp_path: Path):
 
 
 def test_gravity_is_computed_from_latitude_and_height_where_it_is_not_stated(tmp_path: Path):
-    path = run_file(
-        tmp_path, FERRARIS, ('gravity = "9.81 m/s² ± 0.2 mm/s²"', 'height = "280 m"')
-    )
+    path = run_file(tmp_path, FERRARIS, ('gravity = "9.81 m/s² ± 0.2 mm/s²"', 'height = "280 m"'))
     assert read(path).bench.gravity == normal_gravity(47 * DEGREE, 280.0)
 
 
@@ -82,8 +83,8 @@ def test_chosen_coefficients_replace_those_of_the_method(tmp_path: Path):
         ('[method]\nname = "f', '[method]\nnam = "f', ["method.name is missing"]),
         ('name = "ferraris"', 'name = "ferraris"\nx = 1', ["unknown key method.x", "estimator"]),
         ('unit = "°/s"', 'unit = "°/s"\nnoise = "1"', ["sensor.gyro.noise", "white"]),
-        ('[sensor]\n', 'speed = 1\n[sensor]\n', ["unknown key speed", "sensor, bench, data"]),
-        ('rate = "50 Hz"', 'rate = 50', ["data.rate", "string"]),
+        ("[sensor]\n", "speed = 1\n[sensor]\n", ["unknown key speed", "sensor, bench, data"]),
+        ('rate = "50 Hz"', "rate = 50", ["data.rate", "string"]),
         ('marks = "found"', 'nonfinite = "ignore"', ["data.nonfinite", "'refuse' or 'drop'"]),
         ('unit = "°/s"', 'unit = "°/fortnight"', ["[sensor.gyro] unit", "fortnight"]),
         ('unit = "°/s"', 'unit = "m/s²"', ["[sensor.gyro] unit", "'LSB' or 'V'"]),
@@ -124,9 +125,7 @@ def test_chosen_coefficients_replace_those_of_the_method(tmp_path: Path):
         ('seconds = "4 s"\nturn =', 'seconds = "4 m"\nturn =', ["[method] seconds", "4 m"]),
     ],
 )
-def test_a_mistake_is_refused_with_its_key(
-    tmp_path: Path, old: str, new: str, words: list[str]
-):
+def test_a_mistake_is_refused_with_its_key(tmp_path: Path, old: str, new: str, words: list[str]):
     message = refusal(run_file(tmp_path, FERRARIS, (old, new)))
     assert all(word in message for word in words), message
 
@@ -161,7 +160,9 @@ def test_a_prior_on_what_is_not_calibrated_is_refused(tmp_path: Path):
 
 
 def test_neither_gravity_nor_latitude_is_refused_with_both_ways(tmp_path: Path):
-    text = changed(FERRARIS, ('gravity = "9.81 m/s² ± 0.2 mm/s²"\n', ""), ('latitude = "47 °"\n', ""))
+    text = changed(
+        FERRARIS, ('gravity = "9.81 m/s² ± 0.2 mm/s²"\n', ""), ('latitude = "47 °"\n', "")
+    )
     message = refusal(run_file(tmp_path, text))
     assert message.startswith("bench: give gravity = ")
     assert "latitude" in message

@@ -8,7 +8,7 @@ from tests.runfile.texts import FERRARIS, run_file
 
 from inercal.errors import InputError
 from inercal.pipeline import simulate
-from inercal.plan import direction
+from inercal.plan import Hold, direction
 from inercal.recording import Finding, Mark, Observations, Recording
 from inercal.runfile import Run, read
 from inercal.segments import check_against_plan, check_turn_ends, marks_from_labels, observe
@@ -84,9 +84,8 @@ def test_what_cannot_be_meant_is_refused_by_section_with_what_was_read(
         check(run, changed(observations, columns, factors, rows))
     message = str(refused.value)
     step = next(step for step in run.steps if step.label == section)
-    up = getattr(step, "up", None) or getattr(step, "axis", None)
     assert message.startswith(f"section {section} should ")
-    assert direction(up) in message
+    assert direction(step.up if isinstance(step, Hold) else step.axis) in message
     assert hint in message
     assert "\n" not in message
 

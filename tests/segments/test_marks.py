@@ -172,7 +172,8 @@ def test_marks_of_a_file_are_refused_where_the_audit_sorted_its_samples():
         as_read(MARKS, made)
 
 
-def test_marks_beyond_a_file_are_refused_though_samples_were_dropped():
+@pytest.mark.parametrize("limits", [(5, 500), (-5, 4)])
+def test_marks_beyond_a_file_are_refused_though_samples_were_dropped(limits: tuple[int, int]):
     made = replace(recording(8), original=np.array([0, 1, 2, 5, 6, 7, 8, 9]))
     with pytest.raises(InputError, match="y_p"):
-        check_marks(as_read((Mark("y_p", 5, 500),), made), made, NEEDED)
+        check_marks(as_read((Mark("y_p", *limits),), made), made, NEEDED)

@@ -77,11 +77,13 @@ TRIALS = 300
 
 @pytest.fixture(scope="module")
 def correlated() -> tuple[Array, Array, Observations]:
-    """True covariance of a sample in SI, true means, and what is observed in 300 trials."""
+    """Return the covariance of a sample, the true means (SI), and what 300 trials observe."""
     mixing = np.array([[1.0, 0.0, 0.0], [0.6, 0.8, 0.0], [-0.5, 0.2, 2.0]])
     data = noise(trials=(TRIALS,)) @ mixing.T
-    return mixing @ mixing.T / 50.0**2, np.full(3, -7.0 / 50.0), observe(
-        recording(data), SENSOR, MARKS, STEPS
+    return (
+        mixing @ mixing.T / 50.0**2,
+        np.full(3, -7.0 / 50.0),
+        observe(recording(data), SENSOR, MARKS, STEPS),
     )
 
 

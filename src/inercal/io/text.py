@@ -115,14 +115,22 @@ def _lines(file: Iterator[str], layout: Layout, fill: set[int]) -> Iterator[str]
         return lines
 
     def filled(line: str) -> str:
-        if '"' in line or not layout.content(line):
+        content = layout.content(line)
+        if not content:
             return line
-        cells = layout.content(line).split(separator)
+        quoted = '"' in content
+        cells = layout.cells(line) if quoted else content.split(separator)
         return separator.join(
-            "nan" if k in fill and not cell.strip() else cell for k, cell in enumerate(cells)
+            "nan" if k in fill and not cell.strip() else _quote(cell) if quoted else cell
+            for k, cell in enumerate(cells)
         )
 
     return map(filled, lines)
+
+
+def _quote(cell: str) -> str:
+    """Return the cell in quotation marks, those inside it doubled."""
+    return '"' + cell.replace('"', '""') + '"'
 
 
 def _only_empty_cells(
