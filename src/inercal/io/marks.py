@@ -79,7 +79,7 @@ def as_read(marks: tuple[Mark, ...], recording: Recording) -> tuple[Mark, ...]:
             'in a file of marks no longer fit; use a label column, marks = "labels"'
         )
     limits = np.array([(mark.start, mark.stop) for mark in marks])
-    # Beyond the last sample numbers run on, so that a mark outside the file stays outside.
-    beyond = np.maximum(limits - (int(original[-1]) + 1), 0)
+    # Beyond both ends numbers run on, so that a mark outside the file stays outside.
+    beyond = np.maximum(limits - (int(original[-1]) + 1), 0) + np.minimum(limits, 0)
     moved = (np.searchsorted(original, limits) + beyond).tolist()
     return tuple(Mark(m.label, a, b) for m, (a, b) in zip(marks, moved, strict=True))

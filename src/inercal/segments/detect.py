@@ -101,12 +101,7 @@ def _runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
 
 def _holds(f: Array, rests: Sequence[tuple[int, int]], steps: Sequence[Step]) -> list[Mark]:
     means = np.array([f[a:b].mean(axis=0) for a, b in rests])
-    # Biases far above noise are common: the middle of the extremes is a better zero than zero.
-    centre = (means.max(axis=0) + means.min(axis=0)) / 2 if len(means) >= 6 else np.zeros(3)
-    if np.abs(centre).max() > 0.2 * np.linalg.norm(means, axis=1).max():
-        centre = np.zeros(3)
-    directions = means - centre
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    directions = means / np.linalg.norm(means, axis=1, keepdims=True)
     marks: list[Mark] = []
     for step in steps:
         if isinstance(step, Hold):
