@@ -14,12 +14,12 @@ in a calibration. Ω is earth's rate, φ latitude, T the turn's duration by the 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from math import cos, pi, sin, sqrt
+from math import pi, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.earth import EARTH_RATE
+from inercal.earth import EARTH_RATE, earth_rate_up_north
 from inercal.parameters import Parameter
 from inercal.plan import Hold, Step, Turn
 from inercal.units import Measured
@@ -58,10 +58,12 @@ class Hand:
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The imperfections, as data."""
-        # Unknown latitude: each component of a vector of known length and unknown direction.
+        # Of a vector of known length and unknown direction each component has 1/√3 of it.
+        up, level = 0.0, EARTH_RATE / sqrt(3)
         known = self.latitude is not None
-        up = EARTH_RATE * sin(self.latitude) if self.latitude is not None else 0.0
-        level = cos(self.latitude) / sqrt(2) if self.latitude is not None else 1 / sqrt(3)
+        if self.latitude is not None:
+            up, north = earth_rate_up_north(self.latitude)
+            level = abs(north) / sqrt(2)  # the azimuth is unknown
         return (
             Parameter("g", "m/s²", self.gravity.sd, "run", self.gravity.value, "local gravity"),
             Parameter("tilt1", "rad", self.tilt, "position", 0.0, "face against the vertical"),
@@ -74,8 +76,8 @@ class Hand:
                 up,
                 "earth rate, vertical",
             ),
-            Parameter("earth1", "rad/s", EARTH_RATE * level, "position", 0.0, "earth rate, level"),
-            Parameter("earth2", "rad/s", EARTH_RATE * level, "position", 0.0, "earth rate, level"),
+            Parameter("earth1", "rad/s", level, "position", 0.0, "earth rate, level"),
+            Parameter("earth2", "rad/s", level, "position", 0.0, "earth rate, level"),
             Parameter("angle", "rad", self.turn_angle, "turn", 0.0, "angle of the turn"),
             Parameter("axis1", "rad", self.turn_tilt, "turn", 0.0, "axis of the turn in the body"),
             Parameter("axis2", "rad", self.turn_tilt, "turn", 0.0, "axis of the turn in the body"),
