@@ -5,6 +5,7 @@ run file ─> recording ─> audit ─> marks ─> observations ─> method's es
 
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
 
@@ -22,9 +23,10 @@ from inercal.io.means import read_means
 from inercal.io.read import Columns, read_recording
 from inercal.io.rest import audit_rest_norm
 from inercal.motion import Motion
-from inercal.plan import Step
+from inercal.plan import Step, Turn
 from inercal.recording import Finding, Mark, Observations, Recording
 from inercal.runfile import Run, read
+from inercal.runfile.build import si_value
 from inercal.segments import (
     check_against_plan,
     check_marks,
@@ -34,7 +36,9 @@ from inercal.segments import (
     observe,
 )
 from inercal.sensors import Sensor
-from inercal.units import parse, readable
+from inercal.units import readable
+
+_MOST_SAMPLES = 1e8  # of a simulation, all trials together: 5 GB for an IMU
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +86,10 @@ def calibrate(run: Run | str | Path) -> Outcome:
     sensor = run.sensor
     if run.data.kind == "means":
         recording, marks, findings = None, (), ()
+        if run.data.seconds is None and any(isinstance(step, Turn) for step in run.steps):
+            raise InputError(
+                f"{run.path}: [data] seconds is missing: the column of turns' durations"
+            )
         observations = read_means(
             run.file(run.data.file), _columns(run), sensor, _stated_sd(run), _seconds(run)
         )
@@ -165,13 +173,20 @@ def simulate(run: Run | str | Path, seed: int = 0, trials: int | None = None) ->
     run = run if isinstance(run, Run) else read(run)
     if run.rate_hz is None:
         raise InputError(f"{run.path}: [data] rate is missing; a simulation needs it")
+    samples = run.rate_hz * sum(step.seconds for step in run.steps) * (trials or 1)
+    if samples > _MOST_SAMPLES:
+        raise InputError(
+            f"{run.path}: {samples:.2g} samples are more than a simulation holds in memory, "
+            f"{_MOST_SAMPLES:.0e}: lower [data] rate or [method] seconds"
+        )
     rng = np.random.default_rng(seed)
     done = perform(run.bench, run.steps, run.rate_hz, rng, trials or 1)
-    sensor = replace(run.sensor, coefficients=()).with_coefficients(*run.truth) if run.truth else (
-        replace(run.sensor, coefficients=())
-    )  # fmt: skip
+    sensor = run.sensor.with_coefficients(*run.truth)
     c = np.array([run.truth[name] for name in sensor.coefficients])
-    data = read_out(sensor, done.motion, c, run.rate_hz, rng)
+    motion = done.motion
+    if sensor.uses("ai", "ap", "ao"):
+        motion = replace(motion, dw=np.gradient(motion.w, 1 / run.rate_hz, axis=-2))
+    data = read_out(sensor, motion, c, run.rate_hz, rng)
     return Recording(
         time=done.time,
         data=data if trials else data[0],
@@ -202,6 +217,19 @@ def apply(calibration: Calibration, run: Run | str | Path) -> Recording:
         The recording cannot be used, or does not fit the calibration.
     """
     run = run if isinstance(run, Run) else read(run)
+    if run.data.kind == "means":
+        raise InputError(f"{run.path}: [data] kind is means; only a recording can be corrected")
+    stated = {axis.name: axis.readout for axis in run.sensor.axes}
+    for axis in calibration.sensor.axes:
+        here = stated.get(axis.name, axis.readout)
+        if here.unit == axis.readout.unit and not np.allclose(
+            [here.scale, here.offset], [axis.readout.scale, axis.readout.offset]
+        ):
+            raise InputError(
+                f"{run.path}: {axis.name} has scale {here.scale:.6g} and offset {here.offset:g} "
+                f"{here.unit} per SI unit; the calibration is for {axis.readout.scale:.6g} and "
+                f"{axis.readout.offset:g}"
+            )
     recording = load_recording(run)
     motion = calibration.correct(recording)
     kinds = {axis.measures for axis in calibration.sensor.axes}
@@ -223,7 +251,12 @@ def read_out(
     for k, axis in enumerate(sensor.axes):
         noisy = reading[..., k] + axis.noise.draw(rng, reading.shape[:-1], rate_hz)
         reading[..., k] = axis.noise.quantise(noisy)
-    return sensor.to_output(reading)
+    output = sensor.to_output(reading)
+    for k, axis in enumerate(sensor.axes):
+        if (reach := axis.readout.full_scale) is not None:
+            middle = axis.readout.offset
+            output[..., k] = np.clip(output[..., k], middle - reach, middle + reach)
+    return output
 
 
 def _columns(run: Run) -> Columns:
@@ -238,7 +271,7 @@ def _columns(run: Run) -> Columns:
         ]
     return Columns(
         channels=tuple(channels),
-        time=None if data.time is None else str(data.time),
+        time=None if data.time is None or data.kind == "means" else str(data.time),
         time_unit=data.time_unit,
         rate_hz=_column_rate(run),
         label=None if data.label is None else str(data.label),
@@ -266,7 +299,7 @@ def _stated_sd(run: Run) -> dict[str, float]:
     found: dict[str, float] = {}
     for name, text in run.data.sd.items():
         measures, like = likes[name]
-        found[measures] = parse(text, like).value
+        found[measures] = si_value(text, like, f"{run.path}: [data.sd] {name}")
         if found[measures] <= 0:
             raise InputError(f"{run.path}: [data.sd] {name}: {text!r} must be positive")
     return found
@@ -297,10 +330,16 @@ def _conditions(run: Run, recording: Recording | None) -> dict[str, str]:
     return conditions
 
 
+def _digest(run: Run, recording: Recording | None) -> str:
+    if recording is not None:
+        return recording.sha256
+    return sha256(run.file(run.data.file).read_bytes()).hexdigest()
+
+
 def _provenance(run: Run, recording: Recording | None) -> dict[str, str]:
     return {
         "recording": run.data.file,
-        "recording sha256": "" if recording is None else recording.sha256,
+        "recording sha256": _digest(run, recording),
         "run file": run.path.name,
         "run file sha256": run.sha256,
         "created": datetime.now(UTC).isoformat(timespec="seconds"),

@@ -92,7 +92,9 @@ def test_temperature_is_taken_from_the_recording():
     for found in (known.correct(made), known.correct(made.data, dT=warm)):
         assert found.f == pytest.approx(true.f, abs=1e-9)
         assert found.w == pytest.approx(true.w, abs=1e-9)
-    assert np.abs(known.correct(made.data).f - true.f).max() > 1e-3
+    assert np.abs(known.correct(made.data, dT=0.0).f - true.f).max() > 1e-3
+    with pytest.raises(InputError, match="depends on temperature: give dT"):
+        known.correct(made.data)
 
 
 def test_what_a_lever_arm_adds_is_taken_out_with_the_recorded_rates():
@@ -102,8 +104,11 @@ def test_what_a_lever_arm_adds_is_taken_out_with_the_recorded_rates():
     rise = np.array([0.5, -2.0, 3.0])
     n = time.size
     true = Motion(motion(n).f, time[:, None] * rise, np.broadcast_to(rise, (n, 3)))
-    found = known.correct(recording(known, output(known, true)))
-    assert found.f == pytest.approx(true.f, abs=1e-9)
+    made = recording(known, output(known, true))
+    for found in (known.correct(made), known.correct(made.data, dw=true.dw)):
+        assert found.f == pytest.approx(true.f, abs=1e-9)
+    with pytest.raises(InputError, match="lever arms: give dw"):
+        known.correct(made.data)
 
 
 @pytest.mark.parametrize("sensor", [IMU, triad("t", "f", "a", LSB), triad("t", "w", "g", DEG)])

@@ -149,7 +149,7 @@ def test_apply_corrects_a_recording_to_specific_force_and_rates(
     calibration, out = tmp_path / "run.calibration.json", tmp_path / "corrected.csv"
     printed = json.loads(said("apply", calibration, path, "--out", out, "--json"))
     table = np.genfromtxt(out, delimiter=",", names=True)
-    assert printed == {"recording": str(out), "samples": table.size}
+    assert printed == {"recording": str(out), "samples": table.size, "warnings": []}
     assert table.dtype.names == ("time", "fx", "fy", "fz", "wx", "wy", "wz")
     # x is up first: 4 s at rest. Before, its bias alone was 0.3 m/s² and gy's 0.5 °/s.
     rest = table[:200]

@@ -226,3 +226,30 @@ def test_inverse_across_the_gap_of_a_bias_asymmetry():
         [[0.0, 0.0, 1.0 - 0.005 * G0]],
         atol=1e-12,
     )
+
+
+@pytest.mark.parametrize("name", ["arm_i", "arm_p", "arm_o"])
+def test_one_component_of_a_lever_arm_alone_acts_alike_in_both_forms(name: str):
+    axes, c = triad().axes, np.array([2e-3, -1e-3, 3e-3])
+    both = [
+        Sensor("t", axes, form=form).with_coefficients(name) for form in ("reference", "tilted")
+    ]
+    plain, turned = (sensor.forward(MOTION, c) for sensor in both)
+    assert_allclose(turned, plain, rtol=1e-13)
+    assert_allclose(both[1].design(MOTION, c), both[0].design(MOTION, c), atol=1e-11)
+
+
+def test_the_sample_that_does_not_invert_is_named_by_its_own_number():
+    y = np.zeros((70_000, 3))
+    y[69_000] = 50 * G0
+    with pytest.raises(NotInvertible, match="at sample 69000"):
+        inverse(triad().with_coefficients("k2"), y, np.full(3, -0.1 / G0))
+
+
+def test_one_recording_inverts_under_many_trials_of_coefficients():
+    sensor = triad().with_coefficients("bias", "k2")
+    c = np.stack([coefficients(sensor, seed) for seed in range(4)])
+    y = rng.normal(size=(7, 3)) * G0
+    together = inverse(sensor, y, c).f
+    for k in range(4):
+        assert_allclose(together[k], inverse(sensor, y, c[k]).f, rtol=1e-12, atol=1e-12)

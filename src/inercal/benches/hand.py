@@ -5,6 +5,8 @@ Up is turned from its nominal body direction by two small tangents t₁, t₂ al
     hold    f = g u,   u = (up + t₁ d₁ + t₂ d₂) / norm
             ω = Ω sin φ u + e₁ d₁ + e₂ d₂                      (earth rate; azimuth unknown)
     turn    mean ω = (α + δα) n / (T (1 + τ)) + Ω sin φ f̄ / g,   n tilted as u is
+            (the earth's level component turns in the body and is left out: at most
+            Ω cos φ T / |α| of misalignment, 14″ for a full turn of 8 s)
             mean f = f̄, whatever the accelerometers say it was
 
 Every symbol but the nominal ones is a `Parameter`: drawn in a simulation, estimated as a nuisance

@@ -11,6 +11,7 @@ from inercal.errors import InputError
 from inercal.motion import Motion
 from inercal.recording import Recording
 from inercal.sensors import Form, Sensor, inverse
+from inercal.units import factor
 
 Array = NDArray[np.float64]
 
@@ -53,6 +54,8 @@ class Calibration:
 
     def __post_init__(self) -> None:
         p = len(self.sensor.coefficients)
+        if not (np.isfinite(self.values).all() and np.isfinite(self.covariance).all()):
+            raise InputError(f"calibration of {self.sensor.name}: a value is not finite")
         if self.values.shape != (p,) or self.covariance.shape != (p, p):
             raise InputError(
                 f"calibration of {self.sensor.name}: {p} coefficients, values {self.values.shape}, "
@@ -86,7 +89,8 @@ class Calibration:
         *,
         f: Array | None = None,
         w: Array | None = None,
-        dT: Array | float = 0.0,
+        dw: Array | None = None,
+        dT: Array | float | None = None,
     ) -> Motion:
         """Return the specific force and angular rate behind readings.
 
@@ -96,7 +100,9 @@ class Calibration:
             Readings in output units; of an array, the columns are the sensor's axes in order.
         f, w : (..., n, 3) arrays, optional
             What the sensor cannot see for itself (`inercal.sensors.inverse`).
-        dT : (..., n) array or float
+        dw : (..., n, 3) array, optional
+            Angular acceleration, rad/s², where lever arms are modelled; found from a recording.
+        dT : (..., n) array or float, optional
             Temperature minus the reference, K; taken from a recording that has it.
 
         Returns
@@ -111,13 +117,20 @@ class Calibration:
         NotInvertible
             A reading beyond the fold of the nonlinear terms.
         """
-        dw = None
         if isinstance(recording, Recording):
             data = self._columns(recording)
-            if recording.temperature is not None:
+            if recording.temperature is not None and dT is None:
                 dT = recording.temperature - self.sensor.reference_temperature
         else:
-            data = recording
+            data = np.asarray(recording, dtype=np.float64)
+        if data.ndim < 2:
+            raise InputError(f"readings have shape {data.shape}; expected (..., samples, axes)")
+        if dT is None and self.sensor.uses("dT"):
+            raise InputError("the model depends on temperature: give dT, or record temperature")
+        dT = 0.0 if dT is None else dT
+        turning = self.sensor.uses("ai", "ap", "ao") and dw is None
+        if turning and not isinstance(recording, Recording):
+            raise InputError("the model has lever arms: give dw, or a Recording, which has times")
         if data.shape[-1] != len(self.sensor.axes):
             raise InputError(
                 f"{data.shape[-1]} columns for the axes {', '.join(self.sensor.channels)}"
@@ -125,7 +138,7 @@ class Calibration:
         if not np.isfinite(data).all():
             raise InputError("readings are not finite; drop those samples first")
         y = self.sensor.to_si(data)
-        if isinstance(recording, Recording) and self.sensor.uses("ai", "ap", "ao"):
+        if isinstance(recording, Recording) and turning:
             rough = inverse(self.sensor, y, self.values, f=f, w=w, dT=dT)
             dw = np.gradient(rough.w, recording.time, axis=-2)
         return inverse(self.sensor, y, self.values, f=f, w=w, dw=dw, dT=dT)
@@ -139,7 +152,7 @@ class Calibration:
             )
         columns = [recording.channels.index(name) for name in self.sensor.channels]
         for axis, k in zip(self.sensor.axes, columns, strict=True):
-            if axis.readout.unit != recording.units[k]:
+            if not _same_unit(axis.readout.unit, recording.units[k]):
                 raise InputError(
                     f"{recording.source or 'recording'}: channel {axis.name} is in "
                     f"{recording.units[k]}; this calibration is for {axis.readout.unit}"
@@ -157,6 +170,8 @@ class Calibration:
             The model has nonlinear terms; `correct` applies it.
         """
         if not self.sensor.affine:
+            if replace(self.sensor, form="reference").affine:
+                return self.in_form("reference").linear()
             raise InputError("the model has nonlinear terms: no single matrix applies it")
         rest = Motion(np.zeros((1, 3)))
         kinds = {axis.measures for axis in self.sensor.axes}
@@ -218,6 +233,13 @@ class Calibration:
             mount=turn @ self.mount,
         )
         return turned.in_form(self.sensor.form)
+
+
+def _same_unit(first: str, second: str) -> bool:
+    try:
+        return first == second or factor(first) == factor(second, like=first)
+    except InputError:
+        return False
 
 
 __all__ = ["Calibration", "Converted", "Frame"]

@@ -106,7 +106,9 @@ def reform(sensor: Sensor, values: Array, covariance: Array) -> tuple[Sensor, Ar
     The reference form's scale and misalignments 1 + k1′, δ_O′, δ_P′ are the components of one
     vector, (1 + k1) times the unit input axis h = (1, tan δ_O, −tan δ_P)/norm of the tilted form::
 
-        1 + k1 = √((1 + k1′)² + δ_O′² + δ_P′²),   tan δ = δ′ / (1 + k1′)
+        |1 + k1| = √((1 + k1′)² + δ_O′² + δ_P′²),   tan δ = δ′ / (1 + k1′)
+
+    with the sign of the gain 1 + k1 as before.
 
     Raises
     ------
@@ -130,8 +132,12 @@ def reform(sensor: Sensor, values: Array, covariance: Array) -> tuple[Sensor, Ar
                 continue
             gain, *given = (by_name[name] for name in (scale, *turns))
             if sensor.form == "reference":
-                by_name[scale] = float(np.linalg.norm([1 + gain, *given])) - 1
-                changed = np.arctan2(given, 1 + gain)
+                if gain == -1:
+                    raise InputError(f"{scale}: an axis of no gain has no input axis to tilt")
+                # A reversed axis keeps its sign in the gain; the tilt stays within ±90°.
+                length = float(np.linalg.norm([1 + gain, *given]))
+                by_name[scale] = float(np.copysign(length, 1 + gain)) - 1
+                changed = np.arctan(np.array(given) / (1 + gain))
             else:
                 tangents = np.tan(given)
                 along = (1 + gain) / float(np.linalg.norm([1, *tangents]))

@@ -39,5 +39,5 @@ def main() -> None:
     except BrokenPipeError:
         sys.exit(0)  # whoever read our output has seen enough
     except KeyboardInterrupt:
-        print("inercal: stopped; nothing was written", file=sys.stderr)
+        print("inercal: stopped", file=sys.stderr)
         sys.exit(130)

@@ -1,5 +1,6 @@
 """`inercal apply`: correct a recording with a calibration."""
 
+import sys
 from pathlib import Path
 
 import typer
@@ -16,17 +17,23 @@ def run(
     """Correct a recording: specific force in m/s², angular rate in rad/s."""
     from inercal.calibration.files import load
     from inercal.cli.show import as_json, working
+    from inercal.errors import InputError
     from inercal.io.write import write_recording
     from inercal.pipeline import apply
     from inercal.runfile import read
 
     calibration = load(calibration_file)
     plan = read(run_file)
+    if out.resolve() == plan.file(plan.data.file).resolve():
+        raise InputError(f"{out} is the recording itself: give the corrected one another name")
     with working(f"correcting {plan.data.file}"):
         corrected = apply(calibration, plan)
         write_recording(corrected, out)
+    warnings = [f.message for f in corrected.findings if f.severity == "warning"]
+    for warning in warnings:
+        print(f"inercal: warning: {warning}", file=sys.stderr)
     if json:
-        as_json({"recording": str(out), "samples": int(corrected.time.size)})
+        as_json({"recording": str(out), "samples": int(corrected.time.size), "warnings": warnings})
     else:
         units = ", ".join(dict.fromkeys(corrected.units))
         print(f"wrote {out}: {corrected.time.size} samples in {units}")

@@ -161,7 +161,7 @@ def repeated(recording: Recording, where: Where) -> _Checked:
         first = int(same_time[np.argmin(same)])
         text = (
             f"{_rows(int((~same).sum()))} with the time of the row before and other readings, the "
-            f"first at {where(first + 1)}: with time stamps this coarse, state rate_hz in place of "
+            f"first at {where(first + 1)}: with stamps this coarse, state [data] rate in place of "
             "the time column"
         )
         return _Checked([Finding("refused", "repeated", text, None, first, first + 2)])

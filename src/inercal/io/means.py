@@ -66,7 +66,7 @@ def read_means(
         name = {"f": "accelerometer", "w": "gyro"}[missing.pop()]
         raise InputError(f"{path}: [data.sd] {name} is missing: state the sd of a mean, with unit")
     deviation = np.array([sd[axis.measures] for axis in sensor.axes])
-    durations = np.ones(len(labels)) if seconds is None else table.columns[seconds].astype(float)
+    durations = np.ones(len(labels)) if seconds is None else table.numbers(seconds)
     if not (np.isfinite(durations) & (durations > 0)).all():
         raise InputError(f"{path}: column {seconds!r}: durations must be positive numbers of s")
     return Observations(

@@ -6,8 +6,8 @@ import numpy as np
 
 from inercal.errors import InputError
 from inercal.recording import Array, Finding, Recording
+from inercal.sensors import G0
 
-_G0 = 9.80665  # m/s², exact (CGPM 1901)
 _WINDOW_S = 0.5
 _QUIETEST = 0.1  # of all windows
 _POSSIBLE = (0.5, 2.0)  # of gravity; beyond it, no sensor's error but a unit
@@ -15,12 +15,12 @@ _USUAL = (0.9, 1.1)
 
 # Norm at rest over gravity, and the confusion that gives it.
 _CONFUSIONS = {
-    1 / _G0: "the columns look like g declared as m/s²",
-    _G0: "the columns look like m/s² declared as g",
+    1 / G0: "the columns look like g declared as m/s²",
+    G0: "the columns look like m/s² declared as g",
     1000.0: "the columns look like mg declared as g",
     1 / 1000: "the columns look like g declared as mg",
-    1000 / _G0: "the columns look like mg declared as m/s²",
-    _G0 / 1000: "the columns look like m/s² declared as mg",
+    1000 / G0: "the columns look like mg declared as m/s²",
+    G0 / 1000: "the columns look like m/s² declared as mg",
 }
 _NEAR = 1.25  # ratio within which a confusion is recognised; far less than they are apart
 

@@ -41,7 +41,7 @@ def classical(
     Raises
     ------
     InputError
-        Priors, axes other than orthogonal triads, turns of unequal angle, or a trial axis.
+        Priors, the tilted form, axes other than orthogonal triads, or a trial axis.
     NotObserved
         A position or a turn is missing.
     """
@@ -53,8 +53,10 @@ def classical(
             f"estimator classical needs every position and turn; missing from the recording: "
             f"{', '.join(missing)}"
         )
+    if sensor.form != "reference":
+        raise InputError("estimator classical finds the reference form; form tilted takes ml")
     for axes in (sensor.axes[:3], sensor.axes[3:]):
-        if len(axes) not in (0, 3) or not np.allclose([a.i for a in axes], np.eye(3)[: len(axes)]):
+        if axes and (len(axes) != 3 or not np.allclose([a.i for a in axes], np.eye(3))):
             raise InputError("estimator classical needs orthogonal triads along x, y, z")
     r, m = observations.mean.shape[-2:]
     if observations.mean.ndim != 2:

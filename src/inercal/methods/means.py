@@ -24,6 +24,7 @@ from inercal.recording import Observations
 from inercal.sensors import G0, Sensor, inverse
 
 Array = NDArray[np.float64]
+_EXACT = 1e-15  # SI; what is known better is exact, such as the level earth rate at a pole
 _NATURAL = {"m/s²": G0, "rad": 1.0, "rad/s": 1.0, "1": 1.0}  # sizes that make columns comparable
 
 
@@ -88,8 +89,8 @@ def problem(
         noise = observations.full_covariance + curvature.covariance
     rates = any(axis.measures == "w" for axis in sensor.axes)
     declared = bench.nuisances(done, rates=rates)
-    known = {name: np.array(p.value) for name, p in declared.items() if p.sd == 0}
-    loose = {name: p for name, p in declared.items() if p.sd > 0}
+    loose = {name: p for name, p in declared.items() if p.sd > _EXACT}
+    known = {name: np.array(p.value) for name, p in declared.items() if name not in loose}
     forces = [f"force_{a}[{step.label}]" for step in done if isinstance(step, Turn) for a in "xyz"]
     names = (*sensor.coefficients, *loose, *forces)
     p = len(sensor.coefficients)

@@ -67,8 +67,10 @@ def require_observed(estimate: Estimate, sensor: Sensor, missing: Sequence[Step]
         Naming the coefficients and the directions.
     """
     p = len(sensor.coefficients)
-    covariance = estimate.covariance[..., :p, :p].reshape(-1, p, p)[0]
-    variance, directions = np.linalg.eigh(covariance / np.outer(sensor.natural, sensor.natural))
+    scaled = estimate.covariance[..., :p, :p] / np.outer(sensor.natural, sensor.natural)
+    trials = scaled.reshape(-1, p, p)
+    # Of many trials the one that knows its weakest direction least stands for all.
+    variance, directions = np.linalg.eigh(trials[np.argmax(np.linalg.eigvalsh(trials)[:, -1])])
     weak = directions[:, variance > OBSERVED**2].T
     if not len(weak):
         return

@@ -129,6 +129,12 @@ def _build(path: Path, digest: str, schema: RunSchema) -> Run:
         name: coefficient_value(whole.with_coefficients(name), name, text, "[sensor.truth]").value
         for name, text in schema.sensor.truth.items()
     }
+    # An IMU's truth may serve a method that leaves its gyros out.
+    truth = {name: c for name, c in truth.items() if name.partition(".")[0] in part.channels}
+    if schema.data.time_unit != "sample":
+        si_value(f"1 {schema.data.time_unit}", "s", "[data] time_unit")
+    if schema.data.temperature is not None:
+        si_value(f"1 {schema.data.temperature_unit}", "K", "[data] temperature_unit")
     rate = None if schema.data.rate is None else si_value(schema.data.rate, "Hz", "[data] rate")
     if rate is not None and rate <= 0:
         raise InputError(f"[data] rate: {schema.data.rate!r} must be positive")

@@ -62,13 +62,14 @@ def observe(
     samples = np.array([section.shape[-2] for section in sections])
     of_holds, dof = pooled_mean_covariances(holds)
     density = of_holds[0] * holds[0].shape[-2]
+    coarse = _quantisation(recording.data[..., columns], sensor, holds)
     ranges = [(by_label[step.label].start, by_label[step.label].stop) for step in used]
     durations = np.array([recording.span(*limits) for limits in ranges])
     middles = np.array([recording.time[start] for start, _ in ranges]) + 0.5 * durations
     return Observations(
         labels=tuple(step.label for step in used),
         mean=np.stack([section.mean(axis=-2) for section in sections], axis=-2),
-        covariance=density[..., None, :, :] / samples[:, None, None],
+        covariance=density[..., None, :, :] / samples[:, None, None] + np.diag(coarse),
         duration=durations,
         samples=samples,
         time=middles,
@@ -81,6 +82,23 @@ def observe(
             recording.duration,
         ),
     )
+
+
+def _quantisation(data: Array, sensor: Sensor, holds: Sequence[Array]) -> Array:
+    """Return the variance that coarse steps add to each mean, (m,): q²/12, GUM F.2.2.1.
+
+    Noise of more than half a step makes a mean as good as without steps, and less does not: all
+    samples of a hold then share one rounding error. The step is the stated one, or the data's.
+    """
+    variance = np.zeros(len(sensor.axes))
+    for k, axis in enumerate(sensor.axes):
+        steps = np.abs(np.diff(data[..., k], axis=-1))
+        found = float(steps[steps > 0].min()) if (steps > 0).any() else 0.0
+        step = max(axis.noise.quantisation, found / abs(axis.readout.scale))
+        scatter = np.mean([hold[..., k].var(axis=-1).mean() for hold in holds])
+        if scatter < (0.5 * step) ** 2:
+            variance[k] = step**2 / 12
+    return variance
 
 
 def _refuse_moves(recording: Recording, labels: Sequence[str], holds: Sequence[Array]) -> None:

@@ -35,6 +35,13 @@ class Readout:
     unit: str = "SI"
     full_scale: float | None = None
 
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.scale) and self.scale != 0 and np.isfinite(self.offset)):
+            raise InputError(
+                f"readout: scale {self.scale} and offset {self.offset}: both must be finite, and "
+                "the scale not zero"
+            )
+
 
 @dataclass(frozen=True)
 class Axis:

@@ -71,11 +71,14 @@ def inverse(
     if sensor.affine:
         felt = across + _affine(sensor, y, c, across) @ basis.T
     else:
-        felt = np.empty((*y.shape[:-1], 6))
+        lead = np.broadcast_shapes(y.shape[:-2], c.shape[:-1])
+        felt = np.empty((*lead, y.shape[-2], 6))
         for start in range(0, y.shape[-2], _CHUNK):
             part = np.s_[..., start : start + _CHUNK, :]
             dT_part = temperature[..., start : start + _CHUNK]
-            felt[part] = _newton(sensor, y[part], c, across[part], rates[part], dT_part, basis)
+            felt[part] = _newton(
+                sensor, y[part], c, across[part], rates[part], dT_part, basis, start
+            )
     return Motion(felt[..., :3], felt[..., 3:], np.asarray(rates), temperature)
 
 
@@ -124,9 +127,16 @@ def _affine(sensor: Sensor, y: Array, c: Array, across: Array) -> Array:
 
 
 def _newton(
-    sensor: Sensor, y: Array, c: Array, across: Array, rates: Array, dT: Array, basis: Array
+    sensor: Sensor,
+    y: Array,
+    c: Array,
+    across: Array,
+    rates: Array,
+    dT: Array,
+    basis: Array,
+    first: int,
 ) -> Array:
-    """Return (f, ω), (..., n, 6), for one chunk."""
+    """Return (f, ω), (..., n, 6), for one chunk that begins at sample `first`."""
     origin = _motion(across, rates, dT)
     at_origin = sensor.slope(origin, c) @ basis
     x = _solve(at_origin, y - sensor.forward(origin, c))
@@ -150,10 +160,11 @@ def _newton(
     unsettled = (np.abs(step) > 1e-12 * size).any(axis=-1)
     folded = _determinant(slope) * _determinant(at_origin) <= 0
     if (unsettled | folded).any():
-        row = int(np.flatnonzero((unsettled | folded).any(axis=tuple(range(y.ndim - 2))))[0])
+        bad = unsettled | folded
+        row = int(np.flatnonzero(bad.any(axis=tuple(range(bad.ndim - 1))))[0])
         worst = y[..., row, :].reshape(-1, y.shape[-1])[0]
         raise NotInvertible(
-            f"sensor {sensor.name}: the model does not invert at sample {row} of a chunk, reading "
+            f"sensor {sensor.name}: the model does not invert at sample {first + row}, reading "
             f"{np.array2string(worst, precision=4)} SI: beyond the fold of its nonlinear terms"
         )
     return across + x @ basis.T

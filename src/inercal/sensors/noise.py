@@ -50,8 +50,8 @@ class Noise:
                 raise InputError(f"noise {name} = {value}: must be a finite number, 0 or more")
 
     def draw(self, rng: np.random.Generator, shape: tuple[int, ...], rate_hz: float) -> Array:
-        """Return noise of the given shape, samples along the last axis, without quantisation."""
-        n, dt = shape[-1], 1.0 / rate_hz
+        """Return noise in SI, samples at `rate_hz` along the last axis, without quantisation."""
+        dt = 1.0 / rate_hz
         noise = np.zeros(shape)
         if self.white:
             noise += self.white * rate_hz**0.5 * rng.standard_normal(shape)
@@ -61,10 +61,10 @@ class Noise:
             steps = rng.standard_normal(shape)
             steps[..., 0] = 0.0  # the walk starts from the bias that is to be found
             noise += self.random_walk * dt**0.5 * np.cumsum(steps, axis=-1)
-        return noise[..., :n]
+        return noise
 
     def quantise(self, reading: Array) -> Array:
-        """Return the reading rounded to the quantisation step."""
+        """Return the reading, SI, rounded to the quantisation step."""
         if not self.quantisation:
             return reading
         return np.round(reading / self.quantisation) * self.quantisation

@@ -18,6 +18,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.frames import skew
 from inercal.motion import Motion
 from inercal.sensors.axis import Axis
 from inercal.sensors.tables import Coefficient
@@ -99,19 +100,20 @@ def _geometry(values: Mapping[str, Array], seen: Mapping[str, Array], along: str
     h = (1 / norm, tan_o / norm, -tan_p / norm)
     kind = along[0]
     felt = [seen[kind + axis] for axis in "ipo"]
-    arm = [values[name] for name in _ARMS] if "arm_i" in values else []
+    modelled = [name for name in _ARMS if name in values]
+    arm = [values.get(name, np.zeros(1)) for name in _ARMS] if modelled else []
     to_coefficient: dict[str, Array] = {}
     to_felt = {kind + axis: h[k] for k, axis in enumerate("ipo")}
     if arm:
         w, dw = (np.stack(np.broadcast_arrays(*(seen[s + a] for a in "ipo")), -1) for s in "wa")
-        cross = _cross_matrix(dw) + _cross_matrix(w) @ _cross_matrix(w)
+        cross = skew(dw) + skew(w) @ skew(w)
         r = np.stack(np.broadcast_arrays(*arm), axis=-1)
         h_row = np.stack(np.broadcast_arrays(*h), axis=-1)
         felt = [
             f + part for f, part in zip(felt, np.moveaxis(_apply(cross, r), -1, 0), strict=True)
         ]
         along_r = _apply(np.swapaxes(cross, -1, -2), h_row)
-        to_coefficient = {name: along_r[..., k] for k, name in enumerate(_ARMS)}
+        to_coefficient = {name: along_r[..., k] for k, name in enumerate(_ARMS) if name in modelled}
         # h·(ω × (ω × r)) = (h·ω)(ω·r) − (h·r) ω², so d/dω = h (ω·r) + (h·ω) r − 2 (h·r) ω
         dot = {"wr": (w * r).sum(-1), "hw": (h_row * w).sum(-1), "hr": (h_row * r).sum(-1)}
         to_w = (
@@ -124,14 +126,6 @@ def _geometry(values: Mapping[str, Array], seen: Mapping[str, Array], along: str
     if "delta_p" in values:
         to_coefficient["delta_p"] = (1 + tan_p**2) / norm * (-felt[2] - a * tan_p / norm)
     return Response(a, to_coefficient, to_felt)
-
-
-def _cross_matrix(v: Array) -> Array:
-    x, y, z = np.moveaxis(v, -1, 0)
-    zero = np.zeros_like(x)
-    return np.stack(
-        [np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], -2
-    )
 
 
 def _apply(matrix: Array, vector: Array) -> Array:

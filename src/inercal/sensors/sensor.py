@@ -44,7 +44,7 @@ class Sensor:
     coefficients : tuple of str
         Full names, "ax.k0"; see `with_coefficients`.
     form : "reference" or "tilted"
-        Where nonlinear terms act (see the module).
+        Where nonlinear terms act (see `inercal.sensors.response`).
     reference_temperature : float
         K; the model's ΔT is counted from it.
 

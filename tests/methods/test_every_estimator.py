@@ -1,0 +1,63 @@
+"""Every method with each of its estimators recovers a sensor, from means of perfect positions."""
+
+import numpy as np
+import pytest
+
+from inercal.benches import Hand
+from inercal.benches.hand import felt
+from inercal.errors import InputError
+from inercal.methods import METHODS
+from inercal.motion import Motion
+from inercal.plan import Turn
+from inercal.recording import Observations
+from inercal.sensors import Sensor, imu
+from inercal.units import Measured
+
+BENCH = Hand(Measured(9.81, 1e-4), np.pi / 2, tilt=1e-4, turn_angle=1e-4, turn_tilt=1e-4)
+
+
+def perfect(sensor: Sensor, c: np.ndarray, method: str) -> Observations:
+    steps = METHODS[method].plan()
+    durations = np.array([step.seconds for step in steps])
+    q = {name: np.array(p.value) for name, p in BENCH.nuisances(steps, rates=True).items()}
+    for step in steps:
+        if isinstance(step, Turn):
+            force = 9.81 * np.array(step.axis)
+            q |= {f"force_{a}[{step.label}]": force[k] for k, a in enumerate("xyz")}
+    rows = [felt(step, float(t), q) for step, t in zip(steps, durations, strict=True)]
+    motion = Motion(np.stack([row.f for row in rows]), np.stack([row.w for row in rows]))
+    m = len(sensor.axes)
+    return Observations(
+        tuple(step.label for step in steps),
+        sensor.forward(motion, c),
+        np.broadcast_to(1e-10 * np.eye(m), (len(steps), m, m)),
+        durations,
+        np.full(len(steps), 1000),
+        np.arange(len(steps), dtype=float),
+        sensor.channels,
+    )
+
+
+CASES = [(name, estimator) for name, m in METHODS.items() for estimator in m.estimators]
+
+
+@pytest.mark.parametrize(("method", "estimator"), CASES)
+def test_each_estimator_recovers_the_sensor(method: str, estimator: str):
+    chosen = METHODS[method]
+    sensor = chosen.prepare(imu())
+    p = len(sensor.coefficients)
+    c = 0.02 * np.random.default_rng(5).normal(size=p) * sensor.natural
+    made = perfect(sensor, c, method)
+    found = chosen.estimator(estimator)(made, sensor, BENCH, chosen.plan())
+    # At a pole the vertical part of earth's rate, 7e-5 rad/s, is all that classical leaves out.
+    atol = 1e-4 if estimator == "classical" else 1e-6
+    np.testing.assert_allclose(found.value[:p] / sensor.natural, c / sensor.natural, atol=atol)
+
+
+def test_classical_refuses_the_tilted_form_that_it_does_not_find():
+    sensor = METHODS["six_position"].prepare(Sensor("t", imu().axes, form="tilted"))
+    made = perfect(sensor, np.zeros(12), "six_position")
+    with pytest.raises(InputError, match="form tilted takes ml"):
+        METHODS["six_position"].estimator("classical")(
+            made, sensor, BENCH, METHODS["six_position"].plan()
+        )
