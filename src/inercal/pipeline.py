@@ -246,16 +246,26 @@ def apply(calibration: Calibration, run: Run | str | Path) -> Recording:
 def read_out(
     sensor: Sensor, motion: Motion, c: np.ndarray, rate_hz: float, rng: np.random.Generator
 ) -> np.ndarray:
-    """Return what the sensor puts out, (..., n, m) in output units: truth, noise, quantisation."""
+    """Return what the sensor puts out, (..., n, m) in output units, noise and limits included.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    motion : Motion
+        (..., n, 3), at `rate_hz`.
+    c : (p,) array
+        Coefficients in SI.
+    rate_hz : float
+    rng : Generator
+    """
     reading = sensor.forward(motion, c)
     for k, axis in enumerate(sensor.axes):
         noisy = reading[..., k] + axis.noise.draw(rng, reading.shape[:-1], rate_hz)
         reading[..., k] = axis.noise.quantise(noisy)
     output = sensor.to_output(reading)
-    for k, axis in enumerate(sensor.axes):
-        if (reach := axis.readout.full_scale) is not None:
-            middle = axis.readout.offset
-            output[..., k] = np.clip(output[..., k], middle - reach, middle + reach)
+    for name, ends in _limits(sensor).items():
+        k = sensor.channels.index(name)
+        output[..., k] = np.clip(output[..., k], *ends)
     return output
 
 

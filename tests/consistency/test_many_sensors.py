@@ -1,25 +1,20 @@
 """The big Monte Carlo: three thousand sessions of ten sensors, faces of a third of a degree."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.accuracy.generator import DEGREE, Handling, mems, record
+from tests.accuracy.generator import DEGREE, mems, record
 from tests.accuracy.through_inercal import bench, observed, truth
+from tests.consistency.conftest import HANDS
 
 from inercal.methods import METHODS
 from inercal.sensors import imu
 
 Array = NDArray[np.float64]
 SENSORS, TRIALS = 10, 300
-HANDS = Handling(
-    gravity_sd=2e-4,
-    latitude=47 * DEGREE,
-    tilt=0.3 * DEGREE,
-    turn_tilt=0.3 * DEGREE,
-    turn_angle=0.5 * DEGREE,
-    table=0.3 * DEGREE,
-    timebase=1e-4,
-)
+LEANING = replace(HANDS, tilt=0.3 * DEGREE)
 # Two deviations of Student's t with the 114 degrees of freedom of the noise cover 95.2 %.
 COVERED = 0.952 - 4 * np.sqrt(0.952 * 0.048 / (SENSORS * TRIALS))
 
@@ -37,9 +32,9 @@ def test_stated_uncertainties_cover_the_truth_over_many_sensors(method: str, bas
     for k in range(SENSORS):
         rng = np.random.default_rng([base_seed, k])
         device = mems(rng, arm=rng.uniform(-0.05, 0.05, 3))
-        made = record(device, HANDS, rng, trials=TRIALS)
+        made = record(device, LEANING, rng, trials=TRIALS)
         observations = observed(made, sensor, steps)
-        estimate = chosen.estimator("ml")(observations, sensor, bench(HANDS), steps)
+        estimate = chosen.estimator("ml")(observations, sensor, bench(LEANING), steps)
         assert estimate.converged.all()
         error = estimate.value[:, :p] - truth(device, sensor)
         weighed = np.linalg.solve(estimate.covariance[:, :p, :p], error[..., None])[..., 0]

@@ -22,7 +22,19 @@ _SETTLE = 0.25  # s at rest at either end of a turn's section
 
 @dataclass(frozen=True, eq=False)
 class Performance:
-    """Time (n,) s by the recording's clock, motion (trials, n, 3), labels (n,), and the errors."""
+    """A plan carried out.
+
+    Parameters
+    ----------
+    time : (n,) array
+        s, by the recording's clock.
+    motion : Motion
+        f and ω in the sensor's frame, (trials, n, 3).
+    labels : (n,) array of str
+        The step of each sample; empty between steps.
+    drawn : mapping of str to (trials,) array
+        The bench's errors, SI, by full name.
+    """
 
     time: Array
     motion: Motion
@@ -42,10 +54,13 @@ def perform(
     Parameters
     ----------
     bench : Hand
+        Its parameters are drawn from normal distributions of their stated deviations.
     steps : sequence of Step
     rate_hz : float
+        Samples per second by the recording's clock.
     rng : Generator
     trials : int
+        Length of the leading axis of what is drawn and of the motion.
     """
     drawn = {
         name: parameter.value + parameter.sd * rng.standard_normal(trials)

@@ -53,7 +53,8 @@ def ieee1293(sensor: Sensor, values: Array, covariance: Array) -> Converted:
 
     E is the output minus the readout's offset, a in g. Names are "x.K1" (output units per g) and
     "x." + the name in the table for the rest, all referred to the input: divided by 1 + k1.
-    Misalignments are in rad, the others in powers of g.
+    Misalignments are in rad, the others in powers of g. A tilted model with nonlinear terms keeps
+    its own meaning of K₁ and δ, along the turned axis: no exact reference form exists.
 
     Raises
     ------
@@ -101,7 +102,7 @@ def _in_g(sensor: Sensor, full: str) -> str:
 
 
 def reform(sensor: Sensor, values: Array, covariance: Array) -> tuple[Sensor, Array, Array]:
-    """Return sensor, values and covariance with the model's terms in its other form.
+    """Return sensor, values (q,) and covariance (q, q), SI, with the model in its other form.
 
     The reference form's scale and misalignments 1 + k1′, δ_O′, δ_P′ are the components of one
     vector, (1 + k1) times the unit input axis h = (1, tan δ_O, −tan δ_P)/norm of the tilted form::
@@ -154,7 +155,9 @@ def reform(sensor: Sensor, values: Array, covariance: Array) -> tuple[Sensor, Ar
 def reframe(
     sensor: Sensor, values: Array, covariance: Array, frame: Frame
 ) -> tuple[Sensor, Array, Array, Array]:
-    """Return sensor, values, covariance and Q for the body frame `frame`.
+    """Return sensor, values (q,), covariance (q, q), SI, and Q (3, 3) for the frame `frame`.
+
+    Q takes vectors from the present frame to the new one.
 
     Raises
     ------
@@ -167,9 +170,7 @@ def reframe(
     kinds = [axis.measures for axis in sensor.axes]
     if kinds not in (["f"] * 3, ["f"] * 3 + ["w"] * 3):
         raise InputError("only a triad of accelerometers, with or without gyros, can change frame")
-    groups = ("bias", "scale", "misalignment", "g") if len(kinds) == 6 else (
-        "bias", "scale", "misalignment"
-    )  # fmt: skip
+    groups = ("bias", "scale", "misalignment", *(["g"] if len(kinds) == 6 else []))
     full = sensor.with_coefficients(*groups)
     frames_of = np.stack([axis.frame for axis in sensor.axes])
 

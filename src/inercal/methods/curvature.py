@@ -33,7 +33,10 @@ Array = NDArray[np.float64]
 
 
 class Curvature(NamedTuple):
-    """Second-order part of the mean readings, (..., r, m), and its covariance, (..., rm, rm)."""
+    """What the tilts add to the mean readings of r rows and m axes at second order, SI.
+
+    `shift` (..., r, m) is its mean, `covariance` (..., r·m, r·m) its covariance, row after row.
+    """
 
     shift: Array
     covariance: Array
