@@ -2,14 +2,17 @@
 
 Vector observation: each row's mean reading against the reading of the motion it was made in,
 y − h(f, ω; c), with exact derivatives to the coefficients and, by the chain rule, to whatever the
-motion depends on.
+motion depends on. Norm observation: the attitude is unknown, and only the norm of what was felt
+is compared.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from inercal.motion import Motion
-from inercal.sensors import Sensor
+from inercal.sensors import Sensor, inverse
 
 Array = NDArray[np.float64]
 
@@ -42,3 +45,43 @@ def vector(
         jacobian[..., p:] += slope[..., 3:] @ dw
     flat = (*residual.shape[:-2], -1)
     return residual.reshape(flat), jacobian.reshape(*jacobian.shape[:-3], -1, p + q)
+
+
+class Norm(NamedTuple):
+    """What `norm` returns; shapes for r rows, m axes and p coefficients."""
+
+    residual: Array  # (..., r), m/s²
+    jacobian: Array  # (..., r, p + 1), of ‖f̂‖ − g to the coefficients and g
+    felt: Array  # (..., r, 3), f̂
+    up: Array  # (..., r, 3), f̂ / ‖f̂‖
+    by_coefficient: Array  # (..., r, 3, p), ∂f̂/∂c
+    by_reading: Array  # (..., r or 1, 3, m), ∂f̂/∂y
+
+
+def norm(sensor: Sensor, y: Array, c: Array, g: Array) -> Norm:
+    """Return the residuals 0 − (‖f̂‖ − g) of readings in unknown attitudes, with f̂ = h⁻¹(y; c).
+
+    By h(f̂; c) = y the derivative of f̂ is −S⁻¹ ∂h/∂c to the coefficients and S⁻¹ to the reading,
+    with S = ∂h/∂f; that of ‖f̂‖ is the part along f̂.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        Accelerometers alone, three or more.
+    y : (..., r, m) array
+        Readings in SI.
+    c : (..., p) array
+        Coefficients in SI.
+    g : (...) array
+        Norm of specific force, m/s².
+    """
+    felt = inverse(sensor, y, c).f
+    _, design, slope = sensor.linearise(Motion(felt), c)
+    back = np.asarray(np.linalg.pinv(slope[..., :3]), dtype=np.float64)
+    by_coefficient = -back @ design
+    length = np.linalg.norm(felt, axis=-1)
+    up = felt / length[..., None]
+    jacobian = np.empty((*length.shape, c.shape[-1] + 1))
+    jacobian[..., :-1] = (up[..., None, :] @ by_coefficient)[..., 0, :]
+    jacobian[..., -1] = -1.0
+    return Norm(g[..., None] - length, jacobian, felt, up, by_coefficient, back)

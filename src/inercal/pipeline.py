@@ -22,18 +22,25 @@ from inercal.io.marks import as_read, marks_from_file
 from inercal.io.means import read_means
 from inercal.io.read import Columns, read_recording
 from inercal.io.rest import audit_rest_norm
+from inercal.io.table import sha256_of
+from inercal.methods.timing import delay
 from inercal.motion import Motion
 from inercal.plan import Step, Turn
 from inercal.recording import Finding, Mark, Observations, Recording
 from inercal.runfile import Run, read
 from inercal.runfile.build import si_value
 from inercal.segments import (
+    as_found,
+    between_rests,
     check_against_plan,
     check_marks,
     check_turn_ends,
     find_marks,
+    find_rests,
+    held,
     marks_from_labels,
     observe,
+    unflawed,
 )
 from inercal.sensors import Sensor
 from inercal.units import readable
@@ -86,6 +93,11 @@ def calibrate(run: Run | str | Path) -> Outcome:
     sensor = run.sensor
     if run.data.kind == "means":
         recording, marks, findings = None, (), ()
+        if run.method.free and sensor.only("w").axes:
+            raise InputError(
+                f"{run.path}: [data] kind means holds no rotations: leave [sensor.gyro] out, or "
+                "give the recording"
+            )
         if run.data.seconds is None and any(isinstance(step, Turn) for step in run.steps):
             raise InputError(
                 f"{run.path}: [data] seconds is missing: the column of turns' durations"
@@ -95,23 +107,25 @@ def calibrate(run: Run | str | Path) -> Outcome:
         )
     else:
         recording = load_recording(run)
-        marks = _marks(run, recording)
-        check_marks(marks, recording, [step.label for step in run.steps])
-        observations = observe(recording, sensor, marks, run.steps)
-        findings = recording.findings + check_turn_ends(recording, sensor, marks, run.steps)
-    by_label = {step.label: step for step in run.steps}
-    unknown = [label for label in observations.labels if label not in by_label]
-    if unknown:
-        raise InputError(
-            f"{run.data.file}: no step {unknown[0]!r} in the plan; it has {', '.join(by_label)}"
-        )
-    steps = tuple(by_label[label] for label in observations.labels)
-    findings += check_against_plan(observations, sensor, steps, run.bench.gravity.value)
+        reduce = _free_rests if run.method.free else _planned_sections
+        marks, observations, findings = reduce(run, recording)
+    if run.method.free:
+        steps: tuple[Step, ...] = held(observations, sensor)
+    else:
+        steps = _planned(run, observations)
+        findings += check_against_plan(observations, sensor, steps, run.bench.gravity.value)
     estimate = run.method.estimator(run.estimator)(
         observations, sensor, run.bench, run.steps, run.priors
     )
     if not np.all(estimate.converged):
         raise InputError(f"{run.path}: the fit did not converge; look at the marks and the plan")
+    conditions = _conditions(run, recording)
+    if run.time_offset:
+        late = delay(observations, sensor, estimate, run.bench.gravity.value)
+        text = f"{late.value * 1e3:+.2f} ± {2 * late.sd * 1e3:.2f} ms (k = 2)"
+        conditions["delay of the gyros"] = text
+        note = f"the gyros' samples are {text} later than the accelerometers'"
+        estimate = replace(estimate, notes=(note, *estimate.notes))
     p = len(sensor.coefficients)
     lines = verdict(estimate, sensor, findings, run.estimator)
     calibration = Calibration(
@@ -120,13 +134,57 @@ def calibrate(run: Run | str | Path) -> Outcome:
         estimate.stated_covariance[:p, :p],
         run.method.name,
         run.estimator,
-        _conditions(run, recording),
+        conditions,
         _provenance(run, recording),
         lines,
+        # A free method has no mounting: the frame is the accelerometers' own.
+        "triangular" if run.method.free else "mount",
     )
     return Outcome(
         calibration, estimate, observations, steps, run.bench, recording, marks, findings, lines
     )
+
+
+def _planned_sections(
+    run: Run, recording: Recording
+) -> tuple[tuple[Mark, ...], Observations, tuple[Finding, ...]]:
+    """Return the sections of the plan's steps: marks, means, what was noticed."""
+    if run.data.marks == "found":
+        marks = find_marks(recording, run.sensor, run.steps)
+    else:
+        marks = _stated_marks(run, recording)
+    check_marks(marks, recording, [step.label for step in run.steps])
+    observations = observe(recording, run.sensor, marks, run.steps)
+    findings = check_turn_ends(recording, run.sensor, marks, run.steps)
+    return marks, observations, recording.findings + findings
+
+
+def _planned(run: Run, observations: Observations) -> tuple[Step, ...]:
+    by_label = {step.label: step for step in run.steps}
+    unknown = [label for label in observations.labels if label not in by_label]
+    if unknown:
+        raise InputError(
+            f"{run.data.file}: no step {unknown[0]!r} in the plan; it has {', '.join(by_label)}"
+        )
+    return tuple(by_label[label] for label in observations.labels)
+
+
+def _free_rests(
+    run: Run, recording: Recording
+) -> tuple[tuple[Mark, ...], Observations, tuple[Finding, ...]]:
+    """Return rests in any attitude and the ways between them: marks, means, what was noticed."""
+    findings = recording.findings
+    if run.data.marks == "found":
+        rests = find_rests(recording, run.sensor)
+        marks, findings = rests.marks, (*findings, rests.finding)
+    else:
+        marks = _stated_marks(run, recording)
+        check_marks(marks, recording, [mark.label for mark in marks])
+    marks, left_out = unflawed(recording, run.sensor, marks)
+    observations = observe(recording, run.sensor, marks, as_found(marks))
+    if run.sensor.only("w").axes:
+        observations = replace(observations, passages=between_rests(recording, run.sensor, marks))
+    return marks, observations, findings + left_out
 
 
 def load_recording(run: Run) -> Recording:
@@ -137,12 +195,16 @@ def load_recording(run: Run) -> Recording:
     InputError
         It cannot be read, or the audit refuses it.
     """
-    recording = read_recording(run.file(run.data.file), _columns(run), _limits(run.sensor))
-    accelerometers = run.sensor.only("f")
-    columns = [recording.channels.index(name) for name in accelerometers.channels]
-    felt = accelerometers.to_si(recording.data[..., columns])
-    norm = np.linalg.norm(felt, axis=-1)
-    return accept(audit_rest_norm(recording, norm, run.bench.gravity.value))
+    recording = read_recording(
+        run.file(run.data.file), _columns(run), _limits(run.sensor), _gyro_file(run)
+    )
+    return accept(audit_rest_norm(recording, run.sensor, run.bench.gravity.value))
+
+
+def _gyro_file(run: Run) -> Path | None:
+    """Return the file that holds the gyros alone: none where the method leaves them out."""
+    name = run.data.gyro_file
+    return None if name is None or not run.sensor.only("w").axes else run.file(name)
 
 
 def _limits(sensor: Sensor) -> dict[str, tuple[float, float]]:
@@ -180,7 +242,7 @@ def simulate(run: Run | str | Path, seed: int = 0, trials: int | None = None) ->
             f"{_MOST_SAMPLES:.0e}: lower [data] rate or [method] seconds"
         )
     rng = np.random.default_rng(seed)
-    done = perform(run.bench, run.steps, run.rate_hz, rng, trials or 1)
+    done = perform(run.bench, run.steps, run.rate_hz, rng, trials or 1, carried=run.method.free)
     sensor = run.sensor.with_coefficients(*run.truth)
     c = np.array([run.truth[name] for name in sensor.coefficients])
     motion = done.motion
@@ -199,6 +261,8 @@ def simulate(run: Run | str | Path, seed: int = 0, trials: int | None = None) ->
 
 def named_as_in(run: Run, recording: Recording) -> Recording:
     """Return the recording with the run file's column names, ready to be written as its data."""
+    if run.data.gyro_file is not None:
+        raise InputError(f"{run.path}: [data] gyro_file: a simulation is one file; leave it out")
     columns = {axis: column for axis, column, _ in _columns(run).channels}
     return replace(recording, channels=tuple(columns[name] for name in recording.channels))
 
@@ -272,15 +336,17 @@ def read_out(
 def _columns(run: Run) -> Columns:
     data = run.data
     names = {"f": data.accelerometer, "w": data.gyro}
-    channels: list[tuple[str, str, str]] = []
+    channels: dict[str, tuple[tuple[str, str, str], ...]] = {}
     for kind, columns in names.items():
         axes = [axis for axis in run.sensor.axes if axis.measures == kind]
-        channels += [
+        channels[kind] = tuple(
             (axis.name, str(column), axis.readout.unit)
             for axis, column in zip(axes, columns, strict=False)
-        ]
+        )
+    apart = _gyro_file(run) is not None
     return Columns(
-        channels=tuple(channels),
+        channels=channels["f"] if apart else channels["f"] + channels["w"],
+        second=channels["w"] if apart else (),
         time=None if data.time is None or data.kind == "means" else str(data.time),
         time_unit=data.time_unit,
         rate_hz=_column_rate(run),
@@ -319,21 +385,20 @@ def _seconds(run: Run) -> str | None:
     return None if run.data.seconds is None else str(run.data.seconds)
 
 
-def _marks(run: Run, recording: Recording) -> tuple[Mark, ...]:
+def _stated_marks(run: Run, recording: Recording) -> tuple[Mark, ...]:
     if run.data.marks == "labels":
         return marks_from_labels(recording)
-    if run.data.marks == "found":
-        return find_marks(recording, run.sensor, run.steps)
     return as_read(marks_from_file(run.file(run.data.marks)), recording)
 
 
 def _conditions(run: Run, recording: Recording | None) -> dict[str, str]:
     g = run.bench.gravity
-    conditions = {
-        "gravity": readable(g.value, g.sd, "m/s²"),
-        "tilt of faces (k = 1)": readable(run.bench.tilt, 0.0, "°"),
-        "angle of turns (k = 1)": readable(run.bench.turn_angle, 0.0, "°"),
-    }
+    conditions = {"gravity": readable(g.value, g.sd, "m/s²")}
+    if not run.method.free:
+        conditions |= {
+            "tilt of faces (k = 1)": readable(run.bench.tilt, 0.0, "°"),
+            "angle of turns (k = 1)": readable(run.bench.turn_angle, 0.0, "°"),
+        }
     if recording is not None and recording.temperature is not None:
         t = recording.temperature
         conditions["temperature"] = f"{t.mean() - 273.15:.2f} °C ({np.ptp(t):.2f} K range)"
@@ -347,9 +412,14 @@ def _digest(run: Run, recording: Recording | None) -> str:
 
 
 def _provenance(run: Run, recording: Recording | None) -> dict[str, str]:
+    second: dict[str, str] = {}
+    if (gyros := _gyro_file(run)) is not None:
+        second["gyro recording"] = str(run.data.gyro_file)
+        second["gyro recording sha256"] = sha256_of(gyros)
     return {
         "recording": run.data.file,
         "recording sha256": _digest(run, recording),
+        **second,
         "run file": run.path.name,
         "run file sha256": run.sha256,
         "created": datetime.now(UTC).isoformat(timespec="seconds"),

@@ -4,9 +4,10 @@ A step's label names the section of the recording that it leaves.
 """
 
 from dataclasses import dataclass
-from math import pi
+from math import acos, degrees, pi, sqrt
 
 Vector = tuple[float, float, float]
+_NOTICED = 0.15  # of a direction: a smaller part is not worth a word
 AXES: dict[str, Vector] = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
@@ -19,8 +20,9 @@ class Hold:
     seconds: float
 
     def in_words(self) -> str:
-        """Return what to do: "−z up"."""
-        return f"{direction(self.up)} up"
+        """Return what to do: "−z up", "+z up, tilted 45° (+x rises)"."""
+        main, tilted, rest = direction(self.up).partition(" tilted ")
+        return f"{main} up" + (f", {tilted.lstrip()}{rest}" if tilted else "")
 
 
 @dataclass(frozen=True)
@@ -44,16 +46,26 @@ Step = Hold | Turn
 
 
 def direction(vector: Vector) -> str:
-    """Return a body direction in words: "+x", "−z", or its components.
+    """Return a body direction in words: the nearest axis, and what else rises when that is up.
 
     >>> direction((0.0, 0.0, -1.0))
     '−z'
+    >>> direction((0.7071, 0.0, 0.7071))
+    '+z tilted 45° (+x rises)'
     """
-    for name, axis in AXES.items():
-        for sign, word in ((1, "+"), (-1, "−")):
-            if all(abs(a - sign * b) < 1e-9 for a, b in zip(vector, axis, strict=True)):
-                return word + name
-    return "(" + ", ".join(f"{a:+.3g}" for a in vector) + ")"
+    # Of equal parts the last axis is the main one: z up is how most things lie.
+    names = [
+        (("+" if part > 0 else "−") + name, abs(part))
+        for part, name in zip(vector[::-1], reversed(AXES), strict=True)
+    ]
+    (main, size), *others = sorted(names, key=lambda pair: -round(pair[1], 6))
+    length = sqrt(sum(part**2 for part in vector))
+    angle = degrees(acos(min(size / length, 1.0)))
+    rising = [name for name, part in others if part > _NOTICED * length]
+    if not rising or round(angle) == 0:
+        return main
+    verb = "rises" if len(rising) == 1 else "rise"
+    return f"{main} tilted {angle:.0f}° ({' and '.join(rising)} {verb})"
 
 
 def six_positions(seconds: float = 10.0) -> tuple[Hold, ...]:

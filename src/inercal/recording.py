@@ -192,6 +192,42 @@ class Recording:
 
 
 @dataclass(frozen=True, eq=False)
+class Passages:
+    """How the sensor was moved from one rest to the next: ranges of samples, which stay in place.
+
+    A passage is weighed from the mean attitude of one rest to that of the next: the weight of a
+    sample rises from 0 to 1 along samples `start` to `left`, and falls along `reached` to `stop`.
+
+    Parameters
+    ----------
+    time : (n,) array
+        s, of each sample of the recording.
+    output : (n, m) array
+        Readings of the sensor's axes in output units.
+    rest : (k,) array of int
+        Row of the observations that each passage leaves; it leads to the row after.
+    start, left, reached, stop : (k,) arrays of int
+        Samples; `left` is the last one of the rest before, `reached` the first one of the rest
+        after, `stop` the last one of the passage.
+    """
+
+    time: Array
+    output: Array
+    rest: Indices
+    start: Indices
+    left: Indices
+    reached: Indices
+    stop: Indices
+
+    @property
+    def duration(self) -> Array:
+        """Effective duration of each passage, (k,) s: what a constant rate turns through."""
+        t = self.time
+        ends = t[self.left] - t[self.start] + t[self.stop] - t[self.reached]
+        return t[self.reached] - t[self.left] + 0.5 * ends
+
+
+@dataclass(frozen=True, eq=False)
 class Observations:
     """Means over sections of a recording: one row per hold or turn.
 
@@ -213,6 +249,8 @@ class Observations:
         Degrees of freedom behind the covariance; infinite when it was stated.
     drift : (r, r, m) array or None
         Covariance between rows of each channel's slow drift, which `covariance` leaves out.
+    passages : Passages or None
+        Between neighbouring rows, for methods that follow the rate from rest to rest.
 
     Raises
     ------
@@ -230,6 +268,7 @@ class Observations:
     channels: tuple[str, ...]
     dof: float = np.inf
     drift: Array | None = None
+    passages: Passages | None = None
 
     def __post_init__(self) -> None:
         r, m = len(self.labels), len(self.channels)

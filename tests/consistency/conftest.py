@@ -68,6 +68,8 @@ def sessions(request: pytest.FixtureRequest) -> Sessions:
     made = record(device, HANDS, rng, trials=TRIALS)
     found: dict[str, Judged] = {}
     for name, method in METHODS.items():
+        if method.free:
+            continue
         sensor, steps = method.prepare(imu()), method.plan()
         estimate = method.estimator("ml")(
             observed(made, sensor, steps), sensor, bench(HANDS), steps

@@ -57,7 +57,8 @@ def session(name: str, examples: Path, data_dir: Path, more: str = "") -> Outcom
 
 def test_every_run_file_of_the_examples_is_run_by_a_test():
     found = {str(path.relative_to(ROOT / "examples")) for path in ROOT.glob("examples/**/*.toml")}
-    run = {"six_position/run.toml", "ferraris_simulated/run.toml"}
+    run = {"six_position/run.toml", "ferraris_simulated/run.toml", "hand_held/simulated.toml"}
+    run |= {f"hand_held/{name}.toml" for name in ("xsens", "mpu9150")}  # by tests/accuracy
     assert found == run | {f"ferraris_recordings/{name}.toml" for name in SESSIONS}
 
 
@@ -68,14 +69,15 @@ def test_six_positions_from_a_table_of_means_agree_with_its_half_sums(examples: 
     assert outcome.calibration.value("ax.k0") == pytest.approx(bias, abs=1e-5 * 9.80665)
 
 
-def test_the_simulated_session_is_calibrated_to_its_truth(examples: Path):
-    run = read(examples / "ferraris_simulated" / "run.toml")
+@pytest.mark.parametrize("name", ["ferraris_simulated/run", "hand_held/simulated"])
+def test_the_simulated_session_is_calibrated_to_its_truth(examples: Path, name: str):
+    run = read(examples / f"{name}.toml")
     write_recording(named_as_in(run, simulate(run)), run.file(run.data.file))
     calibration = calibrate(run).calibration
     truth = np.array([run.truth.get(name, 0.0) for name in calibration.sensor.coefficients])
     error = calibration.values - truth
     nees = error @ np.linalg.solve(calibration.covariance, error)
-    # χ² with 33 degrees of freedom: 10 and 63 are its 0.003 % and 99.9 % points.
+    # χ² with 33 (30) degrees of freedom: these are its 0.003 % and 99.9 % (99.97 %) points.
     assert 10 < nees < 63
 
 

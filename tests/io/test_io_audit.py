@@ -11,6 +11,7 @@ from inercal.io.audit import accept, audit
 from inercal.io.read import Columns, read_recording
 from inercal.io.rest import audit_rest_norm
 from inercal.recording import Finding, Recording
+from inercal.sensors import Readout, triad
 
 G0 = 9.80665
 
@@ -202,11 +203,14 @@ def test_a_single_sample_and_trials_are_refused():
 def test_units_are_judged_by_gravity_at_rest(
     declared: str, ratio: float, severity: str | None, words: str
 ):
-    made = recording(6000)
     rng = np.random.default_rng(5)
     norm = 9.81 + rng.normal(scale=0.02, size=6000)
     norm[1000:4000] += rng.normal(scale=5, size=3000)  # turned by hand
-    findings = audit_rest_norm(made, norm * ratio, 9.81).findings
+    readout = Readout(scale=-2.0, offset=7.0)
+    felt = np.stack([0 * norm, 0.6 * norm, 0.8 * norm], axis=-1) * ratio
+    data = np.insert(7.0 - 2.0 * felt, 1, 1e9, axis=1)
+    made = recording(6000, data=data, channels=("x", "t", "y", "z"), units=("LSB",) * 4)
+    findings = audit_rest_norm(made, triad(readout=readout), 9.81).findings
     assert [f.severity for f in findings] == ([] if severity is None else [severity]), declared
     assert all(words in f.message for f in findings)
 

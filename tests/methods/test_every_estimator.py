@@ -44,7 +44,8 @@ CASES = [(name, estimator) for name, m in METHODS.items() for estimator in m.est
 @pytest.mark.parametrize(("method", "estimator"), CASES)
 def test_each_estimator_recovers_the_sensor(method: str, estimator: str):
     chosen = METHODS[method]
-    sensor = chosen.prepare(imu())
+    # Free attitudes tell of the gyros only by the way between them, which means do not hold.
+    sensor = chosen.prepare(imu().only("f") if chosen.free else imu())
     p = len(sensor.coefficients)
     c = 0.02 * np.random.default_rng(5).normal(size=p) * sensor.natural
     made = perfect(sensor, c, method)

@@ -170,7 +170,7 @@ def test_neither_gravity_nor_latitude_is_refused_with_both_ways(tmp_path: Path):
 
 def test_turns_of_a_method_that_makes_none_are_refused(tmp_path: Path):
     message = refusal(run_file(tmp_path, SIX_POSITIONS + 'turn = "360 °"\n'))
-    assert message == "[method] turn: method six_position makes no turns"
+    assert message == "[method] turn: the plan of six_position has none; it has seconds"
 
 
 def test_a_method_that_needs_gyros_refuses_a_triad(tmp_path: Path):

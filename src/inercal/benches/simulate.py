@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.hand import Hand, felt, tilted
+from inercal.benches.hand import Hand, across, felt, tilted
 from inercal.motion import Motion
 from inercal.plan import Hold, Step, Turn
 
@@ -48,6 +48,8 @@ def perform(
     rate_hz: float,
     rng: np.random.Generator,
     trials: int = 1,
+    *,
+    carried: bool = False,
 ) -> Performance:
     """Return the motion of each trial; trials share times and labels.
 
@@ -61,11 +63,16 @@ def perform(
     rng : Generator
     trials : int
         Length of the leading axis of what is drawn and of the motion.
+    carried : bool
+        Whether the sensor stays in the hand between holds: its azimuth is then carried along, and
+        with it the earth's level rate, where else each position has an azimuth of its own.
     """
     drawn = {
         name: parameter.value + parameter.sd * rng.standard_normal(trials)
         for name, parameter in bench.nuisances(steps, rates=True).items()
     }
+    if carried:
+        drawn |= _carried_earth([step for step in steps if isinstance(step, Hold)], drawn)
     parts: list[tuple[Array, Array, str]] = []
     up = None
     for step in steps:
@@ -86,6 +93,23 @@ def perform(
     return Performance(np.arange(labels.size) / rate_hz, motion, labels, drawn)
 
 
+def _carried_earth(holds: Sequence[Hold], drawn: dict[str, Array]) -> dict[str, Array]:
+    """Return the earth's level rate at each hold, turned as the moves turn the body."""
+    found: dict[str, Array] = {}
+    level, before = np.zeros(0), np.zeros(0)
+    for hold in holds:
+        d, names = across(hold.up), [f"earth{k}[{hold.label}]" for k in (1, 2)]
+        up = _up(hold, drawn)["up"]
+        if not found:
+            level = np.stack([drawn[name] for name in names], axis=-1) @ d
+        else:
+            axis, angle = _way(before, up)
+            level = _turned(axis, angle[:, None], level)[:, 0]
+        found |= {name: level @ row for name, row in zip(names, d, strict=True)}
+        before = up
+    return found
+
+
 def _up(step: Step, drawn: dict[str, Array]) -> dict[str, Array]:
     """Return the body's up during a step and, for a turn, its specific force: up along the axis."""
     kind, direction = ("tilt", step.up) if isinstance(step, Hold) else ("axis", step.axis)
@@ -103,6 +127,23 @@ def _steady(step: Step, q: dict[str, Array]) -> Array:
     if isinstance(step, Hold):
         return felt(step, 1.0, q).w
     return q["earth_up"][:, None] * q["up"]
+
+
+def _way(start: Array, end: Array) -> tuple[Array, Array]:
+    """Return axis, (trials, 3), and angle, (trials,), of the shortest way from up to up."""
+    axis = np.cross(start, end)
+    size = np.linalg.norm(axis, axis=-1, keepdims=True)
+    aside = np.cross(start, np.eye(3)[np.argmin(np.abs(start[0]))])
+    axis = np.where(size > 1e-12, axis, aside)  # from face to opposite face: any level axis
+    axis = axis / np.linalg.norm(axis, axis=-1, keepdims=True)
+    return axis, np.arctan2((np.cross(start, end) * axis).sum(-1), (start * end).sum(-1))
+
+
+def _turned(axis: Array, angles: Array, vector: Array) -> Array:
+    """Return vectors, (trials, n, 3), turned by angles, (trials, n), about axes (Rodrigues)."""
+    cos, sin = np.cos(angles)[..., None], np.sin(angles)[..., None]
+    along = axis * (axis * vector).sum(-1, keepdims=True)
+    return along[:, None] + (vector - along)[:, None] * cos + np.cross(axis, vector)[:, None] * sin
 
 
 def _minimum_jerk(s: Array) -> Array:
@@ -125,15 +166,9 @@ def _move(start: Array, end: Array, g: Array, rate_hz: float) -> tuple[Array, Ar
     Up turns by +θ about a in the body when the body turns by −θ about a.
     """
     n = round(MOVE_SECONDS * rate_hz)
-    axis = np.cross(start, end)
-    size = np.linalg.norm(axis, axis=-1, keepdims=True)
-    aside = np.cross(start, np.eye(3)[np.argmin(np.abs(start[0]))])
-    axis = np.where(size > 1e-12, axis, aside)  # from face to opposite face: any level axis
-    axis = axis / np.linalg.norm(axis, axis=-1, keepdims=True)
-    angle = np.arctan2((np.cross(start, end) * axis).sum(-1), (start * end).sum(-1))
+    axis, angle = _way(start, end)
     s = (np.arange(n) + 0.5) / n
     travelled = angle[:, None] * (10 * s**3 - 15 * s**4 + 6 * s**5)
-    cos, sin = np.cos(travelled)[..., None], np.sin(travelled)[..., None]
-    ups = start[:, None] * cos + np.cross(axis, start)[:, None] * sin
+    ups = _turned(axis, travelled, start)
     rate = -angle[:, None] * _minimum_jerk(s) * rate_hz / n
     return g[:, None, None] * ups, rate[..., None] * axis[:, None]

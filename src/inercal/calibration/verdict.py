@@ -7,6 +7,7 @@ from inercal.recording import Finding
 from inercal.sensors import Sensor
 from inercal.units import digits
 
+_LEAST = 1e-99  # probability that is still told
 COVERAGE = 2.0  # U = k u; about 95 % for the degrees of freedom met here
 
 
@@ -25,7 +26,9 @@ def verdict(
     """
     p = len(sensor.coefficients)
     lines: list[str] = []
-    if not estimate.dof:
+    if estimate.groups:
+        lines += _by_group(estimate, p)
+    elif not estimate.dof:
         lines.append(
             f"{p} coefficients found; the formulas leave nothing over to test them with, and the "
             "uncertainties hold the noise of the means alone: fixture, turn angle and gravity are "
@@ -45,7 +48,7 @@ def verdict(
             f"{float(estimate.birge):.2f}; look for the position or turn that sticks out among the "
             "residuals and the bench's errors"
         )
-    if estimate.dof:
+    if estimate.dof or estimate.groups:
         lines += _leading(estimate, sensor)
     lines += [
         f"{name} comes out at {1 + value:.3g} times nominal: the axis is reversed or the nominal "
@@ -53,8 +56,33 @@ def verdict(
         for name, value in zip(sensor.coefficients, estimate.value[:p], strict=True)
         if name.partition(".")[2] in ("k1", "scale") and not 0.5 < 1 + value < 2
     ]
+    lines += estimate.notes
     lines += [f.message for f in findings if f.severity == "warning"]
     return tuple(lines)
+
+
+def _by_group(estimate: Estimate, count: int) -> list[str]:
+    """Say how each kind of observations agrees with its noise."""
+    told = [
+        f"{group.name} χ² = {group.chi2:.1f} with {group.dof}, p {_chance(group.p_value)}"
+        for group in estimate.groups
+    ]
+    beyond = [group for group in estimate.groups if group.excess]
+    if not beyond:
+        tested = all(group.dof > 0 for group in estimate.groups)
+        first = f"{count} coefficients found; " + (
+            "the data agree with their noise" if tested else "what there is to test agrees"
+        )
+        return [f"{first} ({'; '.join(told)})"]
+    added = ", ".join(f"{group.excess:.2g} {group.unit} of {group.name}" for group in beyond)
+    return [
+        f"{count} coefficients found, but the residuals are larger than their noise "
+        f"({'; '.join(told)}): a scatter of {added} is added to it, and so to all uncertainties"
+    ]
+
+
+def _chance(p: float) -> str:
+    return f"= {p:.1g}" if p > _LEAST else f"< {_LEAST:.0e}"
 
 
 def _leading(estimate: Estimate, sensor: Sensor) -> list[str]:

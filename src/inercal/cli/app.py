@@ -4,7 +4,7 @@ import sys
 
 import typer
 
-from inercal.cli import apply, calibrate, demo, report, simulate
+from inercal.cli import apply, calibrate, demo, plan, report, simulate
 from inercal.errors import InercalError
 
 app = typer.Typer(
@@ -14,7 +14,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     add_completion=False,
 )
-for verb in (demo, calibrate, simulate, apply, report):
+for verb in (demo, calibrate, plan, simulate, apply, report):
     app.command(verb.NAME)(verb.run)
 
 

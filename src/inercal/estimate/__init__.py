@@ -6,13 +6,14 @@ from inercal.estimate.linear import linear
 from inercal.estimate.loss import Cauchy, Huber
 from inercal.estimate.nullspace import NullDirection
 from inercal.estimate.problem import Problem
-from inercal.estimate.result import Estimate
+from inercal.estimate.result import Estimate, Group
 
 __all__ = [
     "Cauchy",
     "Estimate",
     "Gauge",
     "Gaussian",
+    "Group",
     "Huber",
     "NullDirection",
     "Problem",

@@ -22,6 +22,42 @@ _LEVEL = 0.95
 
 
 @dataclass(frozen=True, eq=False)
+class Group:
+    """Observations of one kind, judged by themselves.
+
+    Parameters
+    ----------
+    name, unit : str
+        Of the kind, and the SI unit of its residuals.
+    labels : tuple of k str
+        One for each observation.
+    residual : (k, q) array
+        q components each, in the unit.
+    sd : (k, q) array
+        Standard deviations of the residuals as stated, `excess` included.
+    chi2, dof : float and int
+        Before any excess was added.
+    excess : float
+        Standard deviation, in the unit, that was added to the noise of each component because
+        χ² asked for it (`inercal.estimate.excess`); 0 for none.
+    """
+
+    name: str
+    unit: str
+    labels: tuple[str, ...]
+    residual: Array
+    sd: Array
+    chi2: float
+    dof: int
+    excess: float
+
+    @property
+    def p_value(self) -> float:
+        """Probability of a χ² at least as large if the noise is as stated; 1 without dof."""
+        return float(chdtrc(self.dof, self.chi2)) if self.dof else 1.0
+
+
+@dataclass(frozen=True, eq=False)
 class Estimate:
     """The solution of a problem, or of one problem for each trial.
 
@@ -55,6 +91,11 @@ class Estimate:
         False where the search ended without a minimum: such a value must not be used.
     iterations : (...) int array
         Steps tried.
+    groups : tuple of Group
+        Kinds of observations where a method judges them apart; the covariance then holds their
+        excess already, `chi2` is counted before it, and no Birge ratio is applied.
+    notes : tuple of str
+        What the method has to say of the result, in words.
     """
 
     names: tuple[str, ...]
@@ -72,6 +113,8 @@ class Estimate:
     weakest: NullDirection | None
     converged: NDArray[np.bool_]
     iterations: NDArray[np.intp]
+    groups: tuple[Group, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
     def p_value(self) -> Array:
@@ -80,14 +123,18 @@ class Estimate:
 
     @property
     def consistent(self) -> NDArray[np.bool_]:
-        """True where χ² is within its one-sided 95 % bound."""
+        """True where χ² is within its one-sided 95 % bound; of groups, where none has excess."""
+        if self.groups:
+            return np.array(all(group.excess == 0 for group in self.groups))
         if not self.dof:
             return np.ones(np.shape(self.chi2), dtype=bool)
         return self.chi2 <= chdtri(self.dof, 1 - _LEVEL)
 
     @property
     def birge(self) -> Array:
-        """Factor on the uncertainties, (...): 1 where consistent, else √(χ²/ν)."""
+        """Factor on the uncertainties, (...): 1 where consistent or excess is in, else √(χ²/ν)."""
+        if self.groups:
+            return np.ones(np.shape(self.chi2))
         return np.where(self.consistent, 1.0, np.sqrt(self.chi2 / max(self.dof, 1)))
 
     @property

@@ -3,6 +3,7 @@
 Each check is a function of the recording and returns findings. Three of them also say which
 samples to keep, in which order: non-finite rows and repeated rows go, and sections that were
 stored by label are put in the order of time. Messages name lines of the file as it was read.
+A recording may fill most of the memory: a check makes no copy of it.
 """
 
 from collections.abc import Callable, Mapping
@@ -10,9 +11,11 @@ from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from inercal.errors import InputError
 from inercal.io import runs
+from inercal.io.table import blocks
 from inercal.recording import Array, Finding, Indices, Recording
 
 Nonfinite = Literal["refuse", "drop"]
@@ -32,6 +35,8 @@ def audit(
     recording: Recording,
     nonfinite: Nonfinite = "refuse",
     limits: Mapping[str, tuple[float, float]] | None = None,
+    *,
+    in_place: bool = False,
 ) -> Recording:
     """Return the recording cleaned of repeated and dropped rows, with all findings.
 
@@ -43,11 +48,13 @@ def audit(
         What to do with rows that hold NaN or infinity.
     limits : mapping of channel to (lowest, highest), optional
         Output at the ends of the range, output units; others are found from the data.
+    in_place : bool
+        Overwrite the recording given where rows go, which takes no more memory.
 
     Returns
     -------
     Recording
-        Where a finding is "refused" the samples are as they came.
+        Where a finding is "refused" the samples are as they came, unless `in_place`.
 
     Raises
     ------
@@ -59,21 +66,38 @@ def audit(
     limits = limits or {}
     for channel in set(limits) - set(recording.channels):
         raise InputError(f"limits for {channel!r}; channels are {', '.join(recording.channels)}")
-    cleaned, rows = recording, np.arange(recording.time.size)
+    cleaned, rows = recording, None
     findings = list(recording.findings)
     for check in (_nonfinite_check(nonfinite), order, repeated):
-        found, keep = check(cleaned, lambda k, rows=rows: recording.where(int(rows[k])))
+        found, keep = check(cleaned, _where(recording, rows))
         findings += found
         if any(finding.severity == "refused" for finding in found):
             return replace(recording, findings=tuple(findings))
         if keep is not None:
-            cleaned, rows = cleaned.take(keep), rows[keep]
+            cleaned = _moved_up(cleaned, keep) if in_place else cleaned.take(keep)
+            rows = keep if rows is None else rows[keep]
     for sampled in (gaps, jitter):
         findings += sampled(cleaned)
     for k, channel in enumerate(cleaned.channels):
         findings += channel_findings(cleaned, k, limits.get(channel))
-    kept = None if np.array_equal(rows, np.arange(recording.time.size)) else rows
-    return replace(cleaned, findings=tuple(findings), original=kept)
+    return replace(cleaned, findings=tuple(findings), original=rows)
+
+
+def _where(recording: Recording, rows: Indices | None) -> Where:
+    """Return what names the place of a sample, given the number in the file of each."""
+    return lambda k: recording.where(k if rows is None else int(rows[k]))
+
+
+def _moved_up(recording: Recording, keep: Indices) -> Recording:
+    """Return the samples to keep as `take` does, in the place of those before if in their order."""
+    if (keep[1:] < keep[:-1]).any():
+        return recording.take(keep)
+    arrays = [recording.time, recording.data, *recording.readback.values()]
+    arrays += [values for values in (recording.labels, recording.temperature) if values is not None]
+    for values in arrays:
+        for k in blocks(keep.size):
+            values[k] = values[keep[k]]
+    return recording.take(slice(0, keep.size))
 
 
 def accept(recording: Recording) -> Recording:
@@ -102,13 +126,14 @@ def finite(recording: Recording, where: Where, *, drop: bool) -> _Checked:
     columns |= recording.readback
     if recording.temperature is not None:
         columns["temperature"] = recording.temperature
-    bad = {name: ~np.isfinite(values) for name, values in columns.items()}
-    rows = np.logical_or.reduce(list(bad.values()))
+    rows = np.zeros(recording.time.size, np.bool_)
+    for values in columns.values():
+        rows |= ~np.isfinite(values)
     count = int(rows.sum())
     if count == 0:
         return _Checked([])
     first = int(np.argmax(rows))
-    name = next(name for name in bad if bad[name][first])
+    name = next(name for name, values in columns.items() if not np.isfinite(values[first]))
     text = f"{_rows(count)} without a finite number, the first {name} at {where(first)}"
     if drop and count < rows.size:
         return _Checked(
@@ -120,8 +145,8 @@ def finite(recording: Recording, where: Where, *, drop: bool) -> _Checked:
 
 def order(recording: Recording, where: Where) -> _Checked:
     """Refuse time that goes back, but put sections stored by label in the order of time."""
-    step = np.diff(recording.time)
-    back = np.flatnonzero(step < 0)
+    time = recording.time
+    back = np.flatnonzero(time[1:] < time[:-1])
     if recording.time.size < 2:
         return _Checked([Finding("refused", "order", "a single sample: nothing to average")])
     if not back.size:
@@ -138,7 +163,7 @@ def order(recording: Recording, where: Where) -> _Checked:
     worst = int(back[0])
     others = f", and at {back.size - 1} more places" if back.size > 1 else ""
     text = (
-        f"time goes back by {-step[worst]:.6g} s at {where(worst + 1)}{others}: "
+        f"time goes back by {time[worst] - time[worst + 1]:.6g} s at {where(worst + 1)}{others}: "
         "was the clock reset, or are two files joined? Split the file there"
     )
     return _Checked([Finding("refused", "order", text, None, worst, worst + 2)])
@@ -146,17 +171,10 @@ def order(recording: Recording, where: Where) -> _Checked:
 
 def repeated(recording: Recording, where: Where) -> _Checked:
     """Drop rows that repeat the row before; refuse two different rows of one time."""
-    same_time = np.flatnonzero(np.diff(recording.time) == 0)
+    same_time = np.flatnonzero(recording.time[1:] == recording.time[:-1])
     if not same_time.size:
         return _Checked([])
-    before, after = recording.take(same_time), recording.take(same_time + 1)
-    same = (before.data == after.data).all(axis=1)
-    if before.labels is not None and after.labels is not None:
-        same &= before.labels == after.labels
-    if before.temperature is not None and after.temperature is not None:
-        same &= before.temperature == after.temperature
-    for name in recording.readback:
-        same &= before.readback[name] == after.readback[name]
+    same = np.concatenate([_as_before(recording, same_time[k]) for k in blocks(same_time.size)])
     if not same.all():
         first = int(same_time[np.argmin(same)])
         text = (
@@ -165,12 +183,26 @@ def repeated(recording: Recording, where: Where) -> _Checked:
             "the time column"
         )
         return _Checked([Finding("refused", "repeated", text, None, first, first + 2)])
-    keep = np.delete(np.arange(recording.time.size), same_time + 1)
-    if keep.size < 2:
+    kept = np.ones(recording.time.size, np.bool_)
+    kept[same_time + 1] = False
+    if kept.sum() < 2:
         text = "every row repeats the first one: time and readings stand still"
         return _Checked([Finding("refused", "repeated", text)])
     text = f"{_rows(same_time.size)} repeated, the first at {where(int(same_time[0]) + 1)}: dropped"
-    return _Checked([Finding("note", "repeated", text)], keep)
+    return _Checked([Finding("note", "repeated", text)], np.flatnonzero(kept))
+
+
+def _as_before(recording: Recording, samples: Indices) -> NDArray[np.bool_]:
+    """Return whether the row after each of some samples repeats it."""
+    before, after = recording.take(samples), recording.take(samples + 1)
+    same = (before.data == after.data).all(axis=1)
+    if before.labels is not None and after.labels is not None:
+        same &= before.labels == after.labels
+    if before.temperature is not None and after.temperature is not None:
+        same &= before.temperature == after.temperature
+    for name in recording.readback:
+        same &= before.readback[name] == after.readback[name]
+    return same
 
 
 def gaps(recording: Recording) -> list[Finding]:
@@ -199,9 +231,15 @@ def gaps(recording: Recording) -> list[Finding]:
 
 def jitter(recording: Recording) -> list[Finding]:
     """Note how much the steps of time vary, gaps aside, where it exceeds their rounding."""
-    step = np.delete(np.diff(recording.time), recording.gaps[:, 0])
-    rms = float(np.sqrt(np.mean((step - recording.median_step) ** 2)))
-    rounding = float(np.spacing(np.abs(recording.time).max()))
+    time, gaps = recording.time, recording.gaps[:, 0]
+    squares = 0.0
+    for k in blocks(time.size - 1):
+        off = np.diff(time[k.start : k.stop + 1]) - recording.median_step
+        inside = gaps[np.searchsorted(gaps, k.start) : np.searchsorted(gaps, k.stop)]
+        off[inside - k.start] = 0
+        squares += float(off @ off)
+    rms = float(np.sqrt(squares / (time.size - 1 - gaps.size)))
+    rounding = float(np.spacing(max(abs(time.min()), abs(time.max()))))
     if rms <= 2 * rounding:
         return []
     text = f"steps of time vary by {rms:.3g} s rms about {recording.median_step:.6g} s"
@@ -212,7 +250,7 @@ def channel_findings(
     recording: Recording, k: int, limits: tuple[float, float] | None
 ) -> list[Finding]:
     """Refuse a constant channel; warn of samples at the end of the range and of stuck ones."""
-    x, channel = recording.data[:, k], recording.channels[k]
+    x, channel = np.ascontiguousarray(recording.data[:, k]), recording.channels[k]
     if (x == x[0]).all():
         text = f"{channel} reads {x[0]:.6g} throughout: is it connected, and is it this column?"
         return [Finding("refused", "stuck", text, channel, 0, x.size)]

@@ -3,7 +3,7 @@
 import struct
 import zipfile
 import zlib
-from collections.abc import Collection
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.errors import InputError
-from inercal.io.table import Column, Table, as_labels, sha256_of, shortened, wanted_columns
+from inercal.io.table import (
+    Array,
+    Column,
+    Table,
+    Wanted,
+    as_labels,
+    refuse_unequal,
+    sha256_of,
+    shortened,
+    wanted_columns,
+)
 
 # What the standard library and NumPy raise on archives whose bytes were changed.
 _DAMAGED = (
@@ -27,17 +37,14 @@ _DAMAGED = (
 )
 
 
-def read_npz(
-    path: Path, wanted: Collection[str] | None = None, text: Collection[str] = ()
-) -> Table:
-    """Read a table from a .npz file.
+def read_npz(path: Path, wanted: Wanted) -> Table:
+    """Read a table from a .npz file, one array at a time.
 
     Parameters
     ----------
     path : Path
         Arrays (n,) by name of the column; or "data" (n, k) with "columns" (k,) of str.
-    wanted, text
-        See `inercal.io.text.read_text`.
+    wanted : Wanted
 
     Raises
     ------
@@ -52,37 +59,57 @@ def read_npz(
             zipfile.ZipFile(file).close()
             file.seek(0)
             with np.load(file, allow_pickle=False) as archive:
-                names, arrays = _arrays(archive, wanted, path.name)
+                names, columns, block = _columns(archive, wanted, path.name)
         except _DAMAGED as error:
             raise InputError(
                 f"{path.name} is no .npz archive or is damaged: {shortened(str(error), 120)}"
             ) from error
-    columns = {name: _column(a, name, name in text, path.name) for name, a in arrays.items()}
-    lengths = {name: column.size for name, column in columns.items()}
-    if len(set(lengths.values())) > 1:
-        listed = ", ".join(f"{name} {n}" for name, n in lengths.items())
-        raise InputError(f"{path.name} has columns of unequal length: {shortened(listed, 120)}")
+    return Table(names, columns, path.name, sha256_of(path), 0, header=True, block=block)
+
+
+def _columns(
+    archive: Any, wanted: Wanted, source: str
+) -> tuple[tuple[str, ...], dict[str, Column], Array]:
+    """Return the names of all columns, those wanted, and their block."""
+    names, arrays = _arrays(archive, wanted, source)
+    columns: dict[str, Column] = {}
+    lengths: dict[str, int] = {}
+    blank: dict[str, Array] = {}
+    block = np.empty((0, 0))
+    for name, array in arrays:
+        column = _column(array, name, name in wanted.text, source)
+        lengths[name] = n = column.size
+        if len(lengths) == 1:
+            blank, block = wanted.blank(n, wanted.together)
+        if column.dtype.kind == "U":
+            columns[name] = as_labels(column.tolist(), name, source)
+        elif name not in blank:
+            columns[name] = np.ascontiguousarray(column, dtype=np.float64)
+        elif n == len(block):
+            blank[name][:] = column
+            columns[name] = blank[name]
+    refuse_unequal(lengths, source)
     if not any(lengths.values()):
-        raise InputError(f"{path.name} has no rows")
-    return Table(names, columns, path.name, sha256_of(path), 0, header=True)
+        raise InputError(f"{source} has no rows")
+    return names, columns, block
 
 
 def _arrays(
-    archive: Any, wanted: Collection[str] | None, source: str
-) -> tuple[tuple[str, ...], dict[str, NDArray[Any]]]:
-    """Return the names of all columns, and the arrays of those wanted."""
+    archive: Any, wanted: Wanted, source: str
+) -> tuple[tuple[str, ...], Iterator[tuple[str, NDArray[Any]]]]:
+    """Return the names of all columns, and the arrays of those wanted, read one by one."""
     if not {"data", "columns"} <= set(archive.files):
         names = tuple(archive.files)
-        chosen = wanted_columns(names, wanted, source)
-        return names, {name: _array(archive, name, source) for name in chosen}
+        chosen = wanted_columns(names, wanted.names, source)
+        return names, ((name, _array(archive, name, source)) for name in chosen)
     data, titles = _array(archive, "data", source), _array(archive, "columns", source)
     if data.ndim != 2 or titles.shape != data.shape[1:]:
         raise InputError(
             f"{source}: 'data' {data.shape} needs (n, k) and 'columns' {titles.shape} (k,)"
         )
     names = tuple(str(title) for title in titles)
-    chosen = wanted_columns(names, wanted, source)
-    return names, {name: data[:, names.index(name)] for name in chosen}
+    chosen = wanted_columns(names, wanted.names, source)
+    return names, ((name, data[:, names.index(name)]) for name in chosen)
 
 
 def _array(archive: Any, name: str, source: str) -> NDArray[Any]:
@@ -97,11 +124,12 @@ def _array(archive: Any, name: str, source: str) -> NDArray[Any]:
     return array
 
 
-def _column(array: NDArray[Any], name: str, as_text: bool, source: str) -> Column:
+def _column(array: NDArray[Any], name: str, as_text: bool, source: str) -> NDArray[Any]:
+    """Return a column of numbers as it is, one of text as str."""
     if array.ndim != 1:
         raise InputError(f"{source}: array {name!r} {array.shape} is no column (n,)")
-    if array.dtype.kind == "U" or (as_text and array.dtype.kind in "iub"):
-        return as_labels([str(value) for value in array.tolist()], name, source)
-    if array.dtype.kind not in "fiub":
+    if as_text and array.dtype.kind in "iub":
+        return array.astype(np.str_)
+    if array.dtype.kind not in "fiubU":
         raise InputError(f"{source}: array {name!r} of {array.dtype} is neither numbers nor text")
-    return np.ascontiguousarray(array, dtype=np.float64)
+    return array

@@ -1,27 +1,36 @@
 """Parquet files, through pyarrow."""
 
-from collections.abc import Collection
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from inercal.errors import InputError
-from inercal.io.table import Column, Table, as_labels, sha256_of, shortened, wanted_columns
+from inercal.io.table import (
+    BLOCK,
+    Array,
+    Column,
+    Table,
+    Wanted,
+    as_labels,
+    sha256_of,
+    shortened,
+    wanted_columns,
+)
+
+_BUFFER = 1 << 20  # bytes of each column read at a time
 
 
-def read_parquet(
-    path: Path, wanted: Collection[str] | None = None, text: Collection[str] = ()
-) -> Table:
-    """Read a table from a Parquet file; missing numbers become NaN.
+def read_parquet(path: Path, wanted: Wanted) -> Table:
+    """Read a table from a Parquet file, some rows at a time; missing numbers become NaN.
 
     Parameters
     ----------
     path : Path
         A Parquet file of numbers and text.
-    wanted, text
-        See `inercal.io.text.read_text`.
+    wanted : Wanted
 
     Raises
     ------
@@ -30,16 +39,44 @@ def read_parquet(
     """
     pyarrow = _pyarrow()
     try:
-        with pyarrow.parquet.ParquetFile(path, page_checksum_verification=True) as file:
+        with pyarrow.parquet.ParquetFile(
+            path, page_checksum_verification=True, pre_buffer=False, buffer_size=_BUFFER
+        ) as file:
             names = tuple(str(name) for name in file.schema_arrow.names)
-            chosen = wanted_columns(names, wanted, path.name)
-            table = file.read(columns=chosen)
-        columns = {k: _column(table.column(k), k, k in text, path.name) for k in chosen}
+            chosen = wanted_columns(names, wanted.names, path.name)
+            columns, block = _columns(pyarrow, file, chosen, wanted, path.name)
     except (pyarrow.ArrowException, OSError, ValueError, MemoryError, OverflowError) as error:
         raise InputError(f"{path.name} is damaged: {shortened(str(error), 120)}") from error
-    if table.num_rows == 0:
-        raise InputError(f"{path.name} has no rows")
-    return Table(names, columns, path.name, sha256_of(path), 0, header=True)
+    return Table(names, columns, path.name, sha256_of(path), 0, header=True, block=block)
+
+
+def _columns(
+    pyarrow: Any, file: Any, chosen: list[str], wanted: Wanted, source: str
+) -> tuple[dict[str, Column], Array]:
+    """Return the chosen columns by name, and their block."""
+    n = int(file.metadata.num_rows)
+    if n == 0:
+        raise InputError(f"{source} has no rows")
+    words: dict[str, list[NDArray[np.str_]]] = {
+        name: []
+        for name in chosen
+        if _is_text(pyarrow, file.schema_arrow.field(name).type, name, name in wanted.text, source)
+    }
+    numbers, block = wanted.blank(n, [name for name in chosen if name not in words])
+    start = 0
+    for batch in file.iter_batches(batch_size=BLOCK, columns=chosen, use_threads=False):
+        stop = start + batch.num_rows
+        for name in chosen:
+            values = batch.column(name)
+            if name in words:
+                texts = ["" if value is None else str(value) for value in values.to_pylist()]
+                words[name].append(as_labels(texts, name, source))
+            else:
+                numbers[name][start:stop] = _numbers(pyarrow, values)
+        start = stop
+    if start != n:
+        raise InputError(f"{source} is damaged: {start} rows where {n} are announced")
+    return {k: np.concatenate(words[k]) if k in words else numbers[k] for k in chosen}, block
 
 
 def write_parquet(path: Path, columns: dict[str, Column]) -> None:
@@ -65,17 +102,21 @@ def _pyarrow() -> Any:
         raise InputError("Parquet files need pyarrow: pip install 'inercal[io]'") from error
 
 
-def _column(values: Any, name: str, as_text: bool, source: str) -> Column:
-    """Return one pyarrow column as an array (n,)."""
-    types = _pyarrow().types
-    kind = values.type
+def _is_text(pyarrow: Any, kind: Any, name: str, as_text: bool, source: str) -> bool:
+    """Return whether a column of this type is read as text."""
+    types = pyarrow.types
     if types.is_dictionary(kind):  # how pandas writes categories
-        values, kind = values.cast(kind.value_type), kind.value_type
+        kind = kind.value_type
     if types.is_string(kind) or types.is_large_string(kind):
-        return as_labels([value or "" for value in values.to_pylist()], name, source)
+        return True
     integer = types.is_integer(kind) or types.is_boolean(kind)
-    if as_text and integer:
-        return as_labels([str(value) for value in values.to_pylist()], name, source)
     if not (integer or types.is_floating(kind)):
         raise InputError(f"{source}: column {name!r} of {kind} is neither numbers nor text")
-    return np.ascontiguousarray(values.to_numpy(), dtype=np.float64)
+    return as_text and integer
+
+
+def _numbers(pyarrow: Any, values: Any) -> Array:
+    """Return one pyarrow column of numbers as an array (n,)."""
+    if pyarrow.types.is_dictionary(values.type):
+        values = values.cast(values.type.value_type)
+    return np.asarray(values.to_numpy(zero_copy_only=False), dtype=np.float64)

@@ -9,17 +9,39 @@ import numpy as np
 
 from inercal.errors import InputError
 from inercal.io.audit import Nonfinite, accept, audit
+from inercal.io.hdf5 import read_hdf5
+from inercal.io.mat import read_mat
 from inercal.io.npz import read_npz
 from inercal.io.parquet import read_parquet
-from inercal.io.table import Table, open_error
+from inercal.io.table import Table, Wanted, open_error
 from inercal.io.text import read_text
 from inercal.recording import Array, Recording
 from inercal.units import factor, to_si
 
-_Reader = Callable[[Path, Collection[str] | None, Collection[str]], Table]
-_BY_CONTENT: dict[bytes, _Reader] = {b"PK\x03\x04": read_npz, b"PAR1": read_parquet}
-_BY_SUFFIX: dict[str, _Reader] = {".npz": read_npz, ".parquet": read_parquet, ".pq": read_parquet}
+_Reader = Callable[[Path, Wanted], Table]
+_BY_CONTENT: dict[bytes, _Reader] = {
+    b"PK\x03\x04": read_npz,
+    b"PAR1": read_parquet,
+    b"\x89HDF": read_hdf5,
+    b"MATLAB 5.0 MAT-file": read_mat,  # and 6 and 7
+}
+# After the title: the version, and IM or MI for the order of bytes.
+_BY_VERSION: dict[bytes, _Reader] = {
+    b"\0\1IM": read_mat,
+    b"\1\0MI": read_mat,
+    b"\0\2IM": read_hdf5,
+    b"\2\0MI": read_hdf5,
+}
+_BY_SUFFIX: dict[str, _Reader] = {
+    ".npz": read_npz,
+    ".parquet": read_parquet,
+    ".pq": read_parquet,
+    ".h5": read_hdf5,
+    ".hdf5": read_hdf5,
+}
 _GZIP = b"\x1f\x8b"
+_TITLE = 124  # bytes of a MATLAB file before its version
+_ROUNDING = 1e-6  # of half a step: stamps of few digits
 
 
 @dataclass(frozen=True)
@@ -44,6 +66,9 @@ class Columns:
         What the bench said of itself.
     nonfinite : "refuse" or "drop"
         What to do with rows that hold NaN or infinity.
+    second : tuple of (axis, column, unit)
+        Channels after these, in a file of their own whose rows are the same samples; a time
+        column is in both.
 
     Raises
     ------
@@ -60,9 +85,10 @@ class Columns:
     temperature_unit: str = "°C"
     readback: tuple[tuple[str, str, str], ...] = ()
     nonfinite: Nonfinite = "refuse"
+    second: tuple[tuple[str, str, str], ...] = ()
 
     def __post_init__(self) -> None:
-        for _, _, unit in self.channels:
+        for _, _, unit in (*self.channels, *self.second):
             factor(unit)
         counted = self.time is None or self.time_unit == "sample"
         if counted and self.rate_hz is None:
@@ -74,14 +100,15 @@ class Columns:
             )
         if self.rate_hz is not None and not 0 < self.rate_hz < np.inf:
             raise InputError(f"rate_hz is {self.rate_hz:g}; it must be positive")
-        columns = [column for _, column, _ in self.channels]
-        for column in columns:
-            if columns.count(column) > 1:
-                raise InputError(f"column {column!r} is given to more than one channel")
+        for channels in (self.channels, self.second):  # two files may well use the same names
+            columns = [column for _, column, _ in channels]
+            for column in columns:
+                if columns.count(column) > 1:
+                    raise InputError(f"column {column!r} is given to more than one channel")
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The columns of the file that are used."""
+        """The columns of the first file that are used."""
         single = (self.time, self.label, self.temperature)
         many = (column for _, column, _ in (*self.channels, *self.readback))
         return tuple(dict.fromkeys([*(name for name in single if name is not None), *many]))
@@ -92,7 +119,7 @@ def read_table(
     wanted: Collection[str] | None = None,
     text: Collection[str] = (),
 ) -> Table:
-    """Read a table: text of any layout, .npz or Parquet, told by content and then by suffix.
+    """Read a table: text, .npz, Parquet, .mat or HDF5, told by content and then by suffix.
 
     Parameters
     ----------
@@ -108,26 +135,41 @@ def read_table(
     InputError
         One line: what is wrong, where, and what is possible.
     """
-    path = Path(path)
+    return _read(Path(path), Wanted(wanted, text))
+
+
+def _read(path: Path, wanted: Wanted) -> Table:
     try:
         if path.is_dir():
             raise InputError(f"{path} is a folder; name a file in it")
         if path.exists() and not path.is_file():
             raise InputError(f"{path} is no regular file; it is read more than once")
         with path.open("rb") as file:
-            head = file.read(4)
+            head = file.read(_TITLE + 4)
         if head.startswith(_GZIP):
             raise InputError(f"{path.name} is compressed with gzip: unpack it first")
-        reader = _BY_CONTENT.get(head) or _BY_SUFFIX.get(path.suffix.lower(), read_text)
-        return reader(path, wanted, text)
+        return _reader(path, head)(path, wanted)
     except OSError as error:
         raise open_error(path, error) from error
+
+
+def _reader(path: Path, head: bytes) -> _Reader:
+    if head[_TITLE:] in _BY_VERSION:
+        return _BY_VERSION[head[_TITLE:]]
+    for start, reader in _BY_CONTENT.items():
+        if head.startswith(start):
+            return reader
+    suffix = path.suffix.lower()
+    if suffix == ".mat" and b"\0" in head:  # version 4 has no title; saved with -ascii it is text
+        return read_mat
+    return _BY_SUFFIX.get(suffix, read_text)
 
 
 def read_recording(
     path: str | os.PathLike[str],
     columns: Columns,
     limits: Mapping[str, tuple[float, float]] | None = None,
+    second: str | os.PathLike[str] | None = None,
 ) -> Recording:
     """Read a recording and audit it.
 
@@ -139,35 +181,100 @@ def read_recording(
         Which column is what.
     limits : mapping of channel to (lowest, highest), optional
         See `inercal.io.audit.audit`.
+    second : path-like, optional
+        The file of `columns.second`.
 
     Raises
     ------
     InputError
-        The file cannot be read, or the audit refuses the recording.
+        A file cannot be read, two were not sampled together, or the audit refuses the recording.
     """
-    table = read_table(path, columns.names, () if columns.label is None else (columns.label,))
-    data = np.stack([table.numbers(column) for _, column, _ in columns.channels], axis=-1)
+    recording = _recording(Path(path), columns, None if second is None else Path(second))
+    return accept(audit(recording, columns.nonfinite, limits, in_place=True))
+
+
+def _recording(path: Path, columns: Columns, second: Path | None) -> Recording:
+    """Return the recording as it stands in the files."""
+    if (second is None) != (not columns.second):
+        raise InputError(f"{path}: a second file and the columns in it go together")
+    label = () if columns.label is None else (columns.label,)
+    together = tuple(column for _, column, _ in columns.channels)
+    table = _read(path, Wanted(columns.names, label, together, spare=len(columns.second)))
+    data = _block(table, together)
     labels = None if columns.label is None else table.columns[columns.label].astype(np.str_)
     temperature = None
     if columns.temperature is not None:
         celsius = table.numbers(columns.temperature)
         temperature = to_si(celsius, columns.temperature_unit, like="K")
-    recording = Recording(
-        time=_time(table, columns, len(data)),
+    time = _time(table, columns, len(data))
+    channels = columns.channels + columns.second
+    source, first_row = table.source, table.first_line
+    if second is not None:
+        other = _second(second, columns, data[:, len(together) :], (source, time))
+        source = f"{source} and {other.source}"
+        first_row = first_row if other.first_line == first_row else 0
+    return Recording(
+        time=time,
         data=data,
-        channels=tuple(axis for axis, _, _ in columns.channels),
-        units=tuple(unit for _, _, unit in columns.channels),
+        channels=tuple(axis for axis, _, _ in channels),
+        units=tuple(unit for _, _, unit in channels),
         labels=labels,
         temperature=temperature,
         readback={
             name: to_si(table.numbers(column), unit, like=unit)
             for name, column, unit in columns.readback
         },
-        source=table.source,
+        source=source,
         sha256=table.sha256,
-        first_row=table.first_line,
+        first_row=first_row,
     )
-    return accept(audit(recording, columns.nonfinite, limits))
+
+
+def _block(table: Table, together: tuple[str, ...]) -> Array:
+    """Return the columns asked for together, once it is known that all are numbers."""
+    for column in together:
+        table.numbers(column)
+    if table.block is None:
+        raise TypeError(f"{table.source}: no block was asked for")
+    return table.block
+
+
+def _second(path: Path, columns: Columns, place: Array, first: tuple[str, Array]) -> Table:
+    """Read the columns of the second file into their place, (n, k), and return its table."""
+    together = tuple(column for _, column, _ in columns.second)
+    names = together if columns.time is None else (columns.time, *together)
+    table = _read(path, Wanted(names, (), together))
+    block = _block(table, together)
+    name, time = first
+    if len(block) != len(place):
+        raise InputError(
+            f"{table.source} has {len(block)} rows and {name} has {len(place)}: "
+            "two files of one recording have the same rows"
+        )
+    if columns.time is not None:
+        _refuse_apart(table, _time(table, columns, len(block)), name, time)
+    place[:] = block
+    return table
+
+
+def _refuse_apart(table: Table, time: Array, name: str, expected: Array) -> None:
+    """Raise InputError where a time differs by more than half a step from that in the first file.
+
+    A time that is missing in the first file is left to the audit.
+    """
+    with np.errstate(invalid="ignore"):  # of infinities
+        step = np.abs(np.diff(expected))
+        step = step[np.isfinite(step)]
+        half = 0.5 * float(np.median(step, overwrite_input=True)) if step.size else 0.0
+        apart = ~(np.abs(time - expected) <= half * (1 + _ROUNDING)) & np.isfinite(expected)
+    if not apart.any():
+        return
+    k = int(np.argmax(apart))
+    where = f"line {table.first_line + k}" if table.first_line else f"sample {k}"
+    raise InputError(
+        f"{table.source} {where} is at {time[k]:.6g} s where {name} is at {expected[k]:.6g} s: "
+        "two files of one recording have the same times"
+    )
 
 
 def _time(table: Table, columns: Columns, n: int) -> Array:

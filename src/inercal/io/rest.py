@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from inercal.errors import InputError
+from inercal.io.table import BLOCK, blocks
 from inercal.recording import Array, Finding, Recording
-from inercal.sensors import G0
+from inercal.sensors import G0, Sensor
 
 _WINDOW_S = 0.5
 _QUIETEST = 0.1  # of all windows
@@ -25,26 +25,19 @@ _CONFUSIONS = {
 _NEAR = 1.25  # ratio within which a confusion is recognised; far less than they are apart
 
 
-def audit_rest_norm(recording: Recording, si_norm: Array, gravity: float) -> Recording:
+def audit_rest_norm(recording: Recording, sensor: Sensor, gravity: float) -> Recording:
     """Return the recording with a finding where it does not read gravity at rest.
 
     Parameters
     ----------
     recording : Recording
         A recording that rests somewhere, in any attitude.
-    si_norm : (n,) array
-        Norm of specific force after the nominal readout, m/s².
+    sensor : Sensor
+        Its accelerometers, all of them channels of the recording, with their nominal readout.
     gravity : float
         Local gravity, m/s².
-
-    Raises
-    ------
-    InputError
-        `si_norm` is not (n,).
     """
-    if si_norm.shape != recording.time.shape:
-        raise InputError(f"norm {si_norm.shape} for {recording.time.size} samples")
-    at_rest = _norm_at_rest(si_norm, round(_WINDOW_S * recording.rate_hz))
+    at_rest = _norm_at_rest(recording, sensor.only("f"))
     ratio = at_rest / gravity
     if _USUAL[0] <= ratio <= _USUAL[1]:
         return recording
@@ -58,9 +51,18 @@ def audit_rest_norm(recording: Recording, si_norm: Array, gravity: float) -> Rec
     return replace(recording, findings=(*recording.findings, finding))
 
 
-def _norm_at_rest(si_norm: Array, window: int) -> float:
-    """Return the median of the means of the windows that vary least."""
-    window = max(2, min(window, si_norm.size))
-    windows = si_norm[: si_norm.size // window * window].reshape(-1, window)
-    quiet = np.argsort(windows.std(axis=1))[: max(1, round(_QUIETEST * len(windows)))]
-    return float(np.median(windows[quiet].mean(axis=1)))
+def _norm_at_rest(recording: Recording, accelerometers: Sensor) -> float:
+    """Return the median of the mean norms, m/s², of the windows in which the norm varies least."""
+    columns = [recording.channels.index(name) for name in accelerometers.channels]
+    n = recording.time.size
+    window = max(2, min(round(_WINDOW_S * recording.rate_hz), n))
+    scatter: list[Array] = []
+    mean: list[Array] = []
+    for rows in blocks(n // window * window, -(-BLOCK // window) * window):
+        felt = accelerometers.to_si(recording.data[rows][:, columns])
+        windows = np.linalg.norm(felt, axis=-1).reshape(-1, window)
+        scatter.append(windows.std(axis=1))
+        mean.append(windows.mean(axis=1))
+    spread = np.concatenate(scatter)
+    quiet = np.argsort(spread)[: max(1, round(_QUIETEST * spread.size))]
+    return float(np.median(np.concatenate(mean)[quiet]))

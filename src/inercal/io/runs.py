@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.io.table import blocks
 from inercal.recording import Array, Indices
 
 _STANDS_OUT = 5  # times the longest of the ordinary runs
@@ -19,14 +20,20 @@ _LEVELS = 10  # values; a resting sensor's noise may span fewer, and then its to
 
 
 class _Runs(NamedTuple):
+    """Runs of two samples and more; singles, nearly all of an unquantised reading, are a mask."""
+
     start: Indices
     length: Indices
     value: Array
+    single: NDArray[np.bool_]
 
 
 def _runs(x: Array) -> _Runs:
-    start = np.flatnonzero(np.concatenate([[True], x[1:] != x[:-1]]))
-    return _Runs(start, np.diff(start, append=x.size), x[start])
+    new = np.ones(x.size + 1, np.bool_)  # where another value begins, the end included
+    np.not_equal(x[1:], x[:-1], out=new[1:-1])
+    start = np.flatnonzero(new[:-1] & ~new[1:])
+    stop = np.flatnonzero(~new[:-1] & new[1:]) + 1
+    return _Runs(start, stop - start, x[start], new[:-1] & new[1:])
 
 
 def beyond(x: Array, lowest: float, highest: float) -> Indices:
@@ -40,16 +47,28 @@ def at_rails(x: Array) -> Indices:
     An extreme is a rail when its longest run has at least 5 samples and 5 times as many as the
     longest run at any value between the two extremes.
     """
-    runs = _runs(x)
     lowest, highest = x.min(), x.max()
-    between = (runs.value != lowest) & (runs.value != highest)
+    between = (x != lowest) & (x != highest)
     if not between.any():
         return _ranges(np.zeros(x.size, np.bool_))
-    needed = max(_RAIL, _STANDS_OUT * int(runs.length[between].max()))
-    rails = [v for v in (lowest, highest) if runs.length[runs.value == v].max() >= needed]
-    if not rails or np.unique(runs.value).size < _LEVELS:
+    runs = _runs(x)
+    longest = int(runs.length[between[runs.start]].max(initial=1))
+    needed = max(_RAIL, _STANDS_OUT * longest)
+    extremes = (lowest, highest)
+    rails = [v for v in extremes if runs.length[runs.value == v].max(initial=1) >= needed]
+    if not rails or _fewer_values(x, _LEVELS):
         return _ranges(np.zeros(x.size, np.bool_))
-    return _ranges(np.isin(x, rails))
+    return _ranges(np.logical_or.reduce([x == v for v in rails]))
+
+
+def _fewer_values(x: Array, levels: int) -> bool:
+    """Return whether there are fewer different values than so many levels."""
+    found = x[:0]
+    for k in blocks(x.size):
+        found = np.unique(np.concatenate([found, x[k]]))
+        if found.size >= levels:
+            return False
+    return True
 
 
 def stuck(x: Array, known: Indices) -> Indices:
@@ -66,13 +85,17 @@ def stuck(x: Array, known: Indices) -> Indices:
         Ranges to leave out: those at the rails.
     """
     runs = _runs(x)
-    opened, closed = (np.searchsorted(known[:, k], runs.start, side="right") for k in (0, 1))
-    railed = opened > closed
-    lengths = np.sort(runs.length[~railed])
+    change = np.zeros(x.size + 1, np.int8)
+    change[known[:, 0]], change[known[:, 1]] = 1, -1
+    free = np.cumsum(change[:-1], dtype=np.int8) == 0
+    ordinary = free[runs.start]
+    lengths = np.unique(runs.length[ordinary])
+    if (runs.single & free).any():
+        lengths = np.concatenate([[1], lengths])
     jump = np.flatnonzero((lengths[1:] >= _STANDS_OUT * lengths[:-1]) & (lengths[1:] >= _STUCK))
     if not jump.size:
         return _ranges(np.zeros(x.size, np.bool_))
-    held = (runs.length >= lengths[jump[0] + 1]) & ~railed
+    held = (runs.length >= lengths[jump[0] + 1]) & ordinary
     if 2 * runs.length[held].sum() >= x.size:
         return _ranges(np.zeros(x.size, np.bool_))
     return np.stack([runs.start[held], runs.start[held] + runs.length[held]], axis=-1)

@@ -18,10 +18,21 @@ _UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
 class Scan(NamedTuple):
-    """SHA-256 in hexadecimal, and the number of the last line that is not blank (1-based)."""
+    """What is known of a text file after one pass.
+
+    Parameters
+    ----------
+    sha256 : str
+        In hexadecimal.
+    lines : int
+        Number of the last line that is not blank (1-based).
+    most_lines : int
+        As many lines as there are, or more, where a lone carriage return ends one as well.
+    """
 
     sha256: str
     lines: int
+    most_lines: int
 
 
 def scan(path: Path) -> Scan:
@@ -40,6 +51,7 @@ def scan(path: Path) -> Scan:
     last = 0  # last line that is not blank
     unfinished = 0  # bytes of the line that the block before left open
     newline = b""
+    ends_of_all_kinds = 0
     with path.open("rb") as file:
         while block := file.read(BLOCK):
             digest.update(block)
@@ -62,10 +74,12 @@ def scan(path: Path) -> Scan:
             if text := block.rstrip():
                 last = complete + block.count(newline, 0, len(text)) + 1
             complete += ends.size
+            kinds = block.count(b"\n"), block.count(b"\r"), block.count(b"\r\n")
+            ends_of_all_kinds += kinds[0] + kinds[1] - kinds[2]
     _refuse_other_encodings(decoder, None, complete, newline, path.name)
     if last == 0:
         raise InputError(f"{path.name} is empty: record or export it again")
-    return Scan(digest.hexdigest(), last)
+    return Scan(digest.hexdigest(), last, ends_of_all_kinds + 1)
 
 
 def _refuse_utf16(block: bytes, name: str) -> None:

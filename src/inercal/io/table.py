@@ -3,7 +3,7 @@
 import hashlib
 import os
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
@@ -13,10 +13,45 @@ from numpy.typing import NDArray
 
 from inercal.errors import InputError
 
-Column = NDArray[np.float64] | NDArray[np.str_]
+Array = NDArray[np.float64]
+Column = Array | NDArray[np.str_]
 _LISTED = 12  # names in a message before it ends in "…"
 MOST_COLUMNS = 1000  # more is a table on its side, or junk that happens to parse
 LONGEST_LABEL = 200  # characters; a text column holds one word per sample, not prose
+
+
+BLOCK = 1 << 16  # rows handled at a time: a few MB
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What to read of a file.
+
+    Parameters
+    ----------
+    names : collection of str or None
+        Columns; None for all. Others are counted and not read.
+    text : collection of str
+        Columns to return as text even where they look like numbers (labels 1, 2, 3).
+    together : tuple of str
+        Columns of numbers, all in `names`, to lay side by side in `Table.block`.
+    spare : int
+        Columns that the block has beyond these, for the caller to fill.
+    """
+
+    names: Collection[str] | None = None
+    text: Collection[str] = ()
+    together: tuple[str, ...] = ()
+    spare: int = 0
+
+    def blank(self, n: int, numbers: Collection[str]) -> tuple[dict[str, Array], Array]:
+        """Return columns of numbers to be filled, each (n,), and the block, (n, k)."""
+        block = np.empty((n, len(self.together) + self.spare))
+        columns: dict[str, Array] = {}
+        for name in numbers:
+            within = name in self.together
+            columns[name] = block[:, self.together.index(name)] if within else np.empty(n)
+        return columns, block
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +70,8 @@ class Table:
         Line of row 0; 0 where rows and lines do not run in step.
     header : bool
         Whether the file names its columns.
+    block : (n, k) array or None
+        The columns asked for together, and the spare ones; `columns` are views of it.
     """
 
     names: tuple[str, ...]
@@ -43,6 +80,7 @@ class Table:
     sha256: str
     first_line: int
     header: bool
+    block: Array | None = None
 
     def numbers(self, name: str) -> NDArray[np.float64]:
         """Return a column of numbers, (n,).
@@ -59,6 +97,22 @@ class Table:
                 "where numbers are needed"
             )
         return column.astype(np.float64, copy=False)
+
+
+def blocks(n: int, rows: int = BLOCK) -> Iterator[slice]:
+    """Return slices that make up n rows.
+
+    >>> [(k.start, k.stop) for k in blocks(5, 2)]
+    [(0, 2), (2, 4), (4, 5)]
+    """
+    return (slice(k, min(k + rows, n)) for k in range(0, n, rows))
+
+
+def refuse_unequal(lengths: Mapping[str, int], source: str) -> None:
+    """Raise InputError where columns differ in length."""
+    if len(set(lengths.values())) > 1:
+        listed = ", ".join(f"{name} {n}" for name, n in lengths.items())
+        raise InputError(f"{source} has columns of unequal length: {shortened(listed, 120)}")
 
 
 def wanted_columns(names: Sequence[str], wanted: Collection[str] | None, source: str) -> list[str]:

@@ -1,11 +1,12 @@
 """CSV, tab, semicolon and white-space separated text.
 
-NumPy's C parser reads the numbers. Only when it fails does Python go over the lines, to name the
-line, the column and the text that are wrong.
+NumPy's C parser reads the numbers, some rows at a time. Only when it fails does Python go over
+the lines, to name the line, the column and the text that are wrong.
 """
 
 import re
-from collections.abc import Collection, Iterator
+import warnings
+from collections.abc import Collection, Iterator, Mapping
 from itertools import islice
 from pathlib import Path
 
@@ -15,24 +16,28 @@ from numpy.typing import NDArray
 from inercal.errors import InputError
 from inercal.io.layout import Layout, columns, sniff
 from inercal.io.scan import scan
-from inercal.io.table import Column, Table, as_labels, shortened, wanted_columns
+from inercal.io.table import (
+    BLOCK,
+    Array,
+    Column,
+    Table,
+    Wanted,
+    as_labels,
+    shortened,
+    wanted_columns,
+)
 
 _LAST_LINE = "the file may be truncated: remove the line or record again"
 
 
-def read_text(
-    path: Path, wanted: Collection[str] | None = None, text: Collection[str] = ()
-) -> Table:
+def read_text(path: Path, wanted: Wanted) -> Table:
     """Read a table of text.
 
     Parameters
     ----------
     path : Path
         UTF-8 text, any line ends, comments after # or %, with or without a header.
-    wanted : collection of str or None
-        Columns to return; None for all. Others are counted and not read.
-    text : collection of str
-        Columns to return as text even where they look like numbers (labels 1, 2, 3).
+    wanted : Wanted
 
     Raises
     ------
@@ -43,62 +48,92 @@ def read_text(
     """
     found = scan(path)
     layout = sniff(path)
-    names = wanted_columns(layout.names, wanted, path.name)
+    names = wanted_columns(layout.names, wanted.names, path.name)
     words = {k for k, name in enumerate(layout.names) if name in names} & (
-        layout.words | {k for k, name in enumerate(layout.names) if name in text}
+        layout.words | {k for k, name in enumerate(layout.names) if name in wanted.text}
     )
     numbers = {k for k, name in enumerate(layout.names) if name in names} - words
-    rows = _load(path, layout, numbers, words, last_line=found.lines)
-    read: dict[str, Column] = {}
-    for name in names:
-        k = layout.names.index(name)
-        column = rows[str(k)]
-        read[name] = (
-            as_labels([cell.strip() for cell in column.tolist()], name, path.name)
-            if k in words
-            else np.ascontiguousarray(column)
-        )
-    # Comments and blank lines amid the data put rows out of step with lines.
-    in_step = layout.first_line + rows.size - 1 == found.lines
-    if not in_step:
-        _refuse_swallowed_lines(path, layout, rows.size)
-    first_line = layout.first_line if in_step else 0
-    return Table(layout.names, read, path.name, found.sha256, first_line, layout.header)
-
-
-def _load(
-    path: Path, layout: Layout, numbers: set[int], words: set[int], *, last_line: int
-) -> NDArray[np.void]:
-    """Return all rows as one structured array; columns that nobody wants as single letters."""
-    kinds = {k: "f8" if k in numbers else "O" if k in words else "U1" for k in _range(layout)}
-    dtype = np.dtype([(str(k), kind) for k, kind in kinds.items()])
-    quote = '"' if layout.quoted or words else None
-
-    def parse(fill: set[int]) -> NDArray[np.void]:
-        with path.open(encoding="utf-8-sig") as file:
-            return np.loadtxt(
-                _lines(file, layout, fill),
-                dtype=dtype,
-                delimiter=layout.delimiter,
-                comments=layout.comment,
-                quotechar=quote,
-                ndmin=1,
-            )
-
+    blank, block = wanted.blank(found.most_lines, [layout.names[k] for k in sorted(numbers)])
+    places = {str(k): blank[layout.names[k]] for k in numbers}
     try:
-        return parse(fill=set())
-    except ValueError as error:
-        near = re.search(r"at row (\d+)", str(error))
+        labels, n = _load(path, layout, places, words, fill=set())
+    except _WrongRow as error:
         # The parser's count of rows is only a hint: where to look first.
-        for skip in (int(near[1]) - 2 if near else 0, 0):
-            if _only_empty_cells(path, layout, numbers, skip, last_line):
+        for skip in (error.row - 2, 0):
+            if _only_empty_cells(path, layout, numbers, skip, found.lines):
                 break
         else:
             raise InputError(f"{path.name}: {shortened(str(error), 120)}") from error
-    try:
-        return parse(fill=numbers)
-    except ValueError as error:
-        raise InputError(f"{path.name}: {shortened(str(error), 120)}") from error
+        try:
+            labels, n = _load(path, layout, places, words, fill=numbers)
+        except _WrongRow as again:
+            raise InputError(f"{path.name}: {shortened(str(again), 120)}") from again
+    read: dict[str, Column] = {}
+    for name in names:
+        k = layout.names.index(name)
+        read[name] = labels[k] if k in words else blank[name][:n]
+    # Comments and blank lines amid the data put rows out of step with lines.
+    in_step = layout.first_line + n - 1 == found.lines
+    if not in_step:
+        _refuse_swallowed_lines(path, layout, n)
+    first_line = layout.first_line if in_step else 0
+    return Table(
+        layout.names, read, path.name, found.sha256, first_line, layout.header, block=block[:n]
+    )
+
+
+class _WrongRow(ValueError):
+    """What NumPy says of a row that it cannot read, and about where it is."""
+
+    def __init__(self, message: str, row: int):
+        super().__init__(message)
+        self.row = row
+
+
+def _load(
+    path: Path, layout: Layout, places: Mapping[str, Array], words: set[int], fill: set[int]
+) -> tuple[dict[int, NDArray[np.str_]], int]:
+    """Read numbers into their places; return the columns of words, and how many rows there are."""
+    parts: dict[int, list[NDArray[np.str_]]] = {k: [] for k in words}
+    n = 0
+    for rows in _chunks(path, layout, places, words, fill):
+        for k, place in places.items():
+            place[n : n + rows.size] = rows[k]
+        for k, part in parts.items():
+            cells = [cell.strip() for cell in rows[str(k)].tolist()]
+            part.append(as_labels(cells, layout.names[k], path.name))
+        n += rows.size
+    return {k: np.concatenate(part) for k, part in parts.items()}, n
+
+
+def _chunks(
+    path: Path, layout: Layout, numbers: Collection[str], words: set[int], fill: set[int]
+) -> Iterator[NDArray[np.void]]:
+    """Return structured arrays of some rows; columns that nobody wants are single letters."""
+    kinds = {k: "f8" if str(k) in numbers else "O" if k in words else "U1" for k in _range(layout)}
+    n = 0
+    with path.open(encoding="utf-8-sig") as file:
+        lines = _lines(file, layout, fill)
+        while n % BLOCK == 0:
+            try:
+                with warnings.catch_warnings():  # of blank lines, and of a last chunk without rows
+                    warnings.simplefilter("ignore", UserWarning)
+                    rows = np.loadtxt(
+                        lines,
+                        dtype=np.dtype([(str(k), kind) for k, kind in kinds.items()]),
+                        delimiter=layout.delimiter,
+                        comments=layout.comment,
+                        quotechar='"' if layout.quoted or words else None,
+                        max_rows=BLOCK,
+                        ndmin=1,
+                    )
+            except ValueError as error:
+                near = re.search(r"at row (\d+)", str(error))
+                raise _WrongRow(str(error), n + (int(near[1]) if near else 0)) from error
+            if rows.size == 0:
+                return
+            yield rows
+            n += rows.size
 
 
 def _range(layout: Layout) -> range:

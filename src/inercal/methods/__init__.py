@@ -1,10 +1,10 @@
 """Calibration methods by name."""
 
 from inercal.errors import InputError
-from inercal.methods import ferraris, six_position
+from inercal.methods import ferraris, multi_position, six_position
 from inercal.methods._base import Method
 
-METHODS = {m.name: m for m in (six_position.METHOD, ferraris.METHOD)}
+METHODS = {m.name: m for m in (six_position.METHOD, ferraris.METHOD, multi_position.METHOD)}
 
 
 def method(name: str) -> Method:

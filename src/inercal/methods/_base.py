@@ -1,8 +1,8 @@
 """What a method is: a plan, the coefficients it sees, and named estimators."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, field, replace
+from typing import Literal, Protocol
 
 from inercal.benches import Hand
 from inercal.errors import InputError
@@ -10,6 +10,9 @@ from inercal.estimate import Estimate, Gaussian
 from inercal.plan import Step
 from inercal.recording import Observations
 from inercal.sensors import Sensor
+
+Kind = Literal["f", "w"]
+_WORDS = {"f": "accelerometers", "w": "gyros"}
 
 
 class Estimator(Protocol):
@@ -34,47 +37,74 @@ class Method:
     Parameters
     ----------
     name : str
-    sees : tuple of str
-        The groups of coefficients that it finds by default; all that it can find.
-    rates : bool
-        Whether it uses gyros.
+    finds : mapping of "f" or "w" to tuple of str
+        The groups of coefficients that it finds by default, of accelerometers and of gyros. A
+        kind of axis that is not here is left out.
+    also : mapping of "f" or "w" to tuple of str
+        What it can find on wish.
+    needs : tuple of "f" or "w"
+        Kinds of axes it cannot do without.
     plan : callable
         Nominal steps; keyword arguments are the method's own (seconds, angle).
     estimators : mapping
         By name; the first is the default.
     source : str
+    free : bool
+        Whether attitudes are free: rests are found and named by themselves, not from the plan.
     """
 
     name: str
-    sees: tuple[str, ...]
-    rates: bool
+    finds: Mapping[Kind, tuple[str, ...]]
+    needs: tuple[Kind, ...]
     plan: Callable[..., tuple[Step, ...]]
     estimators: Mapping[str, Estimator]
     source: str
+    also: Mapping[Kind, tuple[str, ...]] = field(default_factory=dict[Kind, tuple[str, ...]])
+    free: bool = False
 
-    def prepare(self, sensor: Sensor, coefficients: Sequence[str] = ()) -> Sensor:
+    def prepare(
+        self, sensor: Sensor, coefficients: Sequence[str] = (), also: Sequence[str] = ()
+    ) -> Sensor:
         """Return the part of the sensor the method calibrates, with the chosen coefficients.
+
+        Parameters
+        ----------
+        sensor : Sensor
+        coefficients : sequence of str
+            Names or groups in place of the method's own choice.
+        also : sequence of str
+            Names or groups beside it.
 
         Raises
         ------
         InputError
             The sensor lacks axes the method needs, or a coefficient is beyond the method.
         """
-        part = sensor if self.rates else sensor.only("f")
-        kinds = {axis.measures for axis in part.axes}
-        if kinds != ({"f", "w"} if self.rates else {"f"}):
-            need = "accelerometers and gyros" if self.rates else "accelerometers"
+        kinds = {axis.measures for axis in sensor.axes}
+        if not set(self.needs) <= kinds:
+            need = " and ".join(_WORDS[kind] for kind in self.needs)
             raise InputError(f"method {self.name} needs {need}; sensor {sensor.name} lacks them")
-        seen = part.with_coefficients(*self.sees)
-        if not coefficients:
-            return seen
-        chosen = part.with_coefficients(*coefficients)
-        beyond = [name for name in chosen.coefficients if name not in seen.coefficients]
+        part = replace(sensor, axes=tuple(a for a in sensor.axes if a.measures in self.finds))
+        own, possible = self._choice(part, {}), self._choice(part, self.also)
+        chosen = part.with_coefficients(*coefficients).coefficients if coefficients else own
+        more = part.with_coefficients(*also).coefficients
+        beyond = [name for name in (*chosen, *more) if name not in possible]
         if beyond:
-            raise InputError(
-                f"method {self.name} cannot see {', '.join(beyond)}: it sees {', '.join(self.sees)}"
+            seen = "; ".join(
+                f"of {_WORDS[kind]} {', '.join((*words, *self.also.get(kind, ())))}"
+                for kind, words in self.finds.items()
             )
-        return chosen
+            raise InputError(f"method {self.name} cannot see {', '.join(beyond)}: it sees {seen}")
+        return replace(part, coefficients=tuple(n for n in possible if n in (*chosen, *more)))
+
+    def _choice(self, part: Sensor, also: Mapping[Kind, tuple[str, ...]]) -> tuple[str, ...]:
+        """Return the coefficients the method finds, by default or with what it can find also."""
+        names: tuple[str, ...] = ()
+        for kind, words in self.finds.items():
+            axes = part.only(kind)
+            if axes.axes:
+                names += axes.with_coefficients(*words, *also.get(kind, ())).coefficients
+        return names
 
     def estimator(self, name: str) -> Estimator:
         """Return an estimator by name ("" is the default).

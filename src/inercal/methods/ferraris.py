@@ -10,8 +10,11 @@ from inercal.plan import ferraris
 
 METHOD = Method(
     name="ferraris",
-    sees=("bias", "scale", "misalignment", "g"),
-    rates=True,
+    finds={
+        "f": ("bias", "scale", "misalignment"),
+        "w": ("bias", "scale", "misalignment", "g"),
+    },
+    needs=("f", "w"),
     plan=ferraris,
     estimators={"ml": ml, "classical": classical},
     source="Ferraris, Grimaldi, Parvis, Sensors and Materials 7(5), 1995",

@@ -74,7 +74,9 @@ def require_observed(estimate: Estimate, sensor: Sensor, missing: Sequence[Step]
     weak = directions[:, variance > OBSERVED**2].T
     if not len(weak):
         return
-    raise not_observed(sensor, tuple(_words(row, sensor.coefficients) for row in weak), missing)
+    raise not_observed(
+        sensor, tuple(in_natural_words(row, sensor.coefficients) for row in weak), missing
+    )
 
 
 def not_observed(sensor: Sensor, directions: Sequence[str], missing: Sequence[Step]) -> NotObserved:
@@ -107,6 +109,7 @@ def in_words(missing: Sequence[Step]) -> str:
     return "; missing from the recording: " + ", ".join(texts)
 
 
-def _words(direction: NDArray[np.float64], names: Sequence[str]) -> str:
+def in_natural_words(direction: NDArray[np.float64], names: Sequence[str]) -> str:
+    """Return the large parts of a direction as part of a sentence."""
     large = np.flatnonzero(np.abs(direction) > 0.3 * np.abs(direction).max()).tolist()
     return " ".join(f"{direction[k]:+.2g} {names[k]}" for k in large)

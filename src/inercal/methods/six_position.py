@@ -11,8 +11,8 @@ from inercal.plan import six_positions
 
 METHOD = Method(
     name="six_position",
-    sees=("bias", "scale", "misalignment"),
-    rates=False,
+    finds={"f": ("bias", "scale", "misalignment")},
+    needs=("f",),
     plan=six_positions,
     estimators={"ml": ml, "classical": classical},
     source="IEEE Std 1293, static multipoint test; Ferraris et al. 1995",

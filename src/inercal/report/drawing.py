@@ -21,6 +21,7 @@ INK, MUTED, FAINT, BAND = "#010a01", "#010a02", "#010a03", "#010a04"
 X, Y, Z = "#010a05", "#010a06", "#010a07"
 WARN, PLUS, MINUS, PAPER = "#010a08", "#010a09", "#010a0a", "#010a0b"
 AXES = (X, Y, Z)
+_NAMES = 45  # under an axis, at most
 SHAPES = ("o", "s", "^")  # for those who do not see the colours, and for black and white prints
 _VARIABLES = {
     INK: "ink", MUTED: "muted", FAINT: "faint", BAND: "band", X: "x", Y: "y", Z: "z",
@@ -100,7 +101,8 @@ def _rounded(path: re.Match[str]) -> str:
 def name_positions(axes: Axes, labels: Sequence[str]) -> None:
     """Put one name under each whole number of the x axis, and a faint line above it."""
     upright = len(labels) > 10 or max(map(len, labels), default=0) > 7
-    axes.set_xticks(range(len(labels)), labels, rotation=90 if upright else 0)
+    every = -(-len(labels) // _NAMES)
+    axes.set_xticks(range(0, len(labels), every), labels[::every], rotation=90 if upright else 0)
     axes.set_xlim(-0.6, len(labels) - 0.4)
     axes.vlines([k + 0.5 for k in range(len(labels) - 1)], 0, 1, FAINT, lw=0.5,
                 transform=axes.get_xaxis_transform())  # fmt: skip

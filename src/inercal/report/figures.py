@@ -20,6 +20,8 @@ from inercal.report.drawing import AXES, BAND, FAINT, INK, MINUS, PAPER, PLUS, S
 Array = NDArray[np.float64]
 KINDS = {"f": ("Accelerometers", "µg", 9.80665e-6), "w": ("Gyros", "°/h", np.pi / 648_000)}
 _BAND = 2.0  # standard deviations
+_GROUP_UNITS = {"m/s²": ("mm/s²", 1e-3), "rad/s": ("°/h", np.pi / 648_000), "rad": ("mrad", 1e-3)}
+_COMPONENTS = {1: ("norm",), 2: ("across 1", "across 2"), 3: ("x", "y", "z")}
 _MARKERS = (*SHAPES, "D", "v", "<", ">")
 _FEW = 14  # so many coefficients leave room for numbers in their cells
 
@@ -27,6 +29,8 @@ _FEW = 14  # so many coefficients leave room for numbers in their cells
 @drawing.style
 def residuals(outcome: Outcome) -> Markup:
     """Return whitened residuals (above) and residuals in units (below), by position and turn."""
+    if outcome.estimate.groups:
+        return _residuals_by_group(outcome)
     sensor, labels = outcome.calibration.sensor, outcome.observations.labels
     shape = (len(labels), len(sensor.axes))
     whitened = outcome.estimate.whitened.reshape(shape)
@@ -48,6 +52,24 @@ def residuals(outcome: Outcome) -> Markup:
         lower.set_ylabel(unit)
         upper.legend(loc="lower right", bbox_to_anchor=(1.01, 0.98), ncols=3, borderpad=0)
     return svg(figure, "residuals", "Residuals of each mean reading, by position and turn")
+
+
+def _residuals_by_group(outcome: Outcome) -> Markup:
+    groups = outcome.estimate.groups
+    figure = Figure(figsize=(9.0, 1.2 + 1.9 * len(groups)), layout="constrained")
+    rows = figure.subplots(len(groups), 2, squeeze=False)
+    for (upper, lower), group in zip(rows, groups, strict=True):
+        unit, si = _GROUP_UNITS[group.unit]
+        parts = _COMPONENTS[group.residual.shape[1]]
+        _dots(upper, group.residual / group.sd, parts, band=True)
+        _dots(lower, group.residual / si, parts, band=False)
+        for axes, words in ((upper, "standard deviations"), (lower, unit)):
+            drawing.name_positions(axes, group.labels)
+            axes.set_ylabel(words)
+        upper.set_title(group.name)
+        if len(parts) > 1:
+            upper.legend(loc="lower right", bbox_to_anchor=(1.01, 0.98), ncols=3, borderpad=0)
+    return svg(figure, "residuals", "Residuals of norms, rates and rotations, by rest")
 
 
 @drawing.style

@@ -21,6 +21,7 @@ from inercal.report.drawing import BAND, FAINT, INK, MUTED, PAPER, WARN, Z, svg
 Array = NDArray[np.float64]
 FACES = tuple(tuple(sign * row) for row in np.eye(3) for sign in (1.0, -1.0))
 _ON_FACE = cos(25 * pi / 180)  # a hold within 25° covers the face
+_FACE = cos(10 * pi / 180)  # a nominal attitude further from every face was not one
 _RING = 17 * pi / 180  # angular radius of the arrow that stands for a turn
 _VIEW = np.array([1.0, 0.78, 0.66]) / np.linalg.norm([1.0, 0.78, 0.66])
 
@@ -59,7 +60,9 @@ def attitudes(outcome: Outcome) -> list[Attitude]:
 
 
 def missing_faces(found: list[Attitude]) -> list[str]:
-    """Return the faces that no hold had up: "−z"."""
+    """Return the faces that no hold had up: "−z"; none where attitudes were free."""
+    if any(isinstance(a.step, Hold) and max(map(abs, a.step.up)) < _FACE for a in found):
+        return []
     ups = [a.towards for a in found if isinstance(a.step, Hold)]
     return [
         direction((float(x), float(y), float(z)))

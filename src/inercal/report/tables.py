@@ -119,7 +119,7 @@ def bench(outcome: Outcome) -> tuple[list[Grid], dict[str, list[tuple[str, float
     )
     found = [name for name in estimate.names if name not in estimate.wanted]
     known = {name: expected[name] for name in found if name in expected}
-    free = [name for name in found if name not in expected]
+    free = [name for name in found if name not in expected and "[" in name]
     grids: list[Grid] = []
     pulls: dict[str, list[tuple[str, float]]] = {}
     for name, parameter in known.items():

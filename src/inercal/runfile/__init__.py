@@ -8,6 +8,7 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from hashlib import sha256
+from inspect import signature
 from pathlib import Path
 from typing import get_args
 
@@ -20,7 +21,7 @@ from inercal.estimate import Gaussian
 from inercal.methods import Method, method
 from inercal.plan import Step
 from inercal.runfile.build import build_bench, build_sensor, coefficient_value, si_value
-from inercal.runfile.schema import DataSection, RunSchema
+from inercal.runfile.schema import DataSection, MethodSection, RunSchema
 from inercal.sensors import Sensor
 
 # [method] keys of the plan: key, unit like, argument of the method's plan
@@ -28,6 +29,7 @@ _PLAN = (
     ("seconds", "s", "seconds"),
     ("turn", "°", "angle"),
     ("turn_seconds", "s", "turn_seconds"),
+    ("positions", "", "positions"),
 )
 _SENSE = ", or negative for a turn clockwise seen from above"
 
@@ -54,6 +56,8 @@ class Run:
         The nominal plan.
     priors : tuple of Gaussian
     rate_hz : float or None
+    time_offset : bool
+        Whether the gyros' delay is asked for.
     """
 
     path: Path
@@ -67,14 +71,21 @@ class Run:
     steps: tuple[Step, ...]
     priors: tuple[Gaussian, ...]
     rate_hz: float | None
+    time_offset: bool = False
 
     def file(self, name: str) -> Path:
         """Return the path of a file named in the run file."""
         return self.path.parent / name
 
 
-def read(path: str | Path) -> Run:
+def read(path: str | Path, method_keys: Mapping[str, object] | None = None) -> Run:
     """Read and check a run file.
+
+    Parameters
+    ----------
+    path : path
+    method_keys : mapping, optional
+        Keys that take the place of those in [method].
 
     Raises
     ------
@@ -94,6 +105,8 @@ def read(path: str | Path) -> Run:
         raise InputError(f"{path}: not a TOML run file: {error}") from None
     except RecursionError:
         raise InputError(f"{path}: not a TOML run file: nested too deeply") from None
+    if method_keys:
+        content["method"] = content.get("method", {}) | dict(method_keys)
     try:
         schema = RunSchema.model_validate(content)
     except ValidationError as error:
@@ -107,17 +120,8 @@ def read(path: str | Path) -> Run:
 def _build(path: Path, digest: str, schema: RunSchema) -> Run:
     chosen = method(schema.method.name)
     whole = build_sensor(schema.sensor)
-    part = chosen.prepare(whole, schema.method.coefficients)
-    options: dict[str, float] = {}
-    for key, like, option in _PLAN:
-        text = getattr(schema.method, key)
-        if text is None:
-            continue
-        if key != "seconds" and not chosen.rates:
-            raise InputError(f"[method] {key}: method {chosen.name} makes no turns")
-        options[option] = si_value(text, like, f"[method] {key}")
-        if options[option] == 0 or (like == "s" and options[option] < 0):
-            raise InputError(f"[method] {key}: {text!r} must be positive" + _SENSE * (like == "°"))
+    part = chosen.prepare(whole, schema.method.coefficients, schema.method.also)
+    steps = _plan(chosen, schema.method)
     chosen.estimator(schema.method.estimator)
     priors: list[Gaussian] = []
     for name, text in schema.method.prior.items():
@@ -135,6 +139,8 @@ def _build(path: Path, digest: str, schema: RunSchema) -> Run:
         si_value(f"1 {schema.data.time_unit}", "s", "[data] time_unit")
     if schema.data.temperature is not None:
         si_value(f"1 {schema.data.temperature_unit}", "K", "[data] temperature_unit")
+    if schema.method.time_offset and not (chosen.free and part.only("w").axes):
+        raise InputError("[method] time_offset: it takes multi_position and a sensor with gyros")
     rate = None if schema.data.rate is None else si_value(schema.data.rate, "Hz", "[data] rate")
     if rate is not None and rate <= 0:
         raise InputError(f"[data] rate: {schema.data.rate!r} must be positive")
@@ -147,10 +153,30 @@ def _build(path: Path, digest: str, schema: RunSchema) -> Run:
         data=schema.data,
         method=chosen,
         estimator=schema.method.estimator or next(iter(chosen.estimators)),
-        steps=chosen.plan(**options),
+        steps=steps,
         priors=tuple(priors),
         rate_hz=rate,
+        time_offset=schema.method.time_offset,
     )
+
+
+def _plan(chosen: Method, section: MethodSection) -> tuple[Step, ...]:
+    """Return the method's nominal steps with what the section says of them."""
+    possible = signature(chosen.plan).parameters
+    options: dict[str, float] = {}
+    for key, like, option in _PLAN:
+        given: str | int | None = getattr(section, key)
+        if given is None:
+            continue
+        if option not in possible:
+            raise InputError(
+                f"[method] {key}: the plan of {chosen.name} has none; it has {', '.join(possible)}"
+            )
+        value = given if isinstance(given, int) else si_value(given, like, f"[method] {key}")
+        if value == 0 or (like != "°" and value < 0):
+            raise InputError(f"[method] {key}: {given!r} must be positive" + _SENSE * (like == "°"))
+        options[option] = value
+    return chosen.plan(**options)
 
 
 def _first(error: ValidationError) -> str:

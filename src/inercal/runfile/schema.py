@@ -58,6 +58,9 @@ class DataSection(_Section):
     kind: Literal["recording", "means"] = "recording"
     accelerometer: tuple[str | int, str | int, str | int] = ("acc_x", "acc_y", "acc_z")
     gyro: tuple[str | int, str | int, str | int] = ("gyr_x", "gyr_y", "gyr_z")
+    gyro_file: str | None = Field(
+        None, description="the gyros' columns, where they stand in a file of their own, same rows"
+    )
     time: str | int | None = None
     time_unit: str = "s"
     rate: str | None = None
@@ -72,16 +75,25 @@ class DataSection(_Section):
     )
     seconds: str | int | None = Field(None, description="of means: column of durations, s")
 
+    @model_validator(mode="after")
+    def _means_are_one_table(self) -> "DataSection":
+        if self.kind == "means" and self.gyro_file is not None:
+            raise ValueError("gyro_file goes with a recording; means of all axes are one table")
+        return self
+
 
 class MethodSection(_Section):
     """[method]."""
 
     name: str
     estimator: str = ""
-    coefficients: tuple[str, ...] = ()
+    coefficients: tuple[str, ...] = Field((), description="in place of the method's own choice")
+    also: tuple[str, ...] = Field((), description="beside the method's own choice")
     seconds: str | None = Field(None, description="length of each hold in a simulation")
     turn: str | None = Field(None, description="angle of a turn, positive counter-clockwise")
     turn_seconds: str | None = None
+    positions: int | None = Field(None, description="rests of a multi_position simulation")
+    time_offset: bool = Field(False, description="find the gyros' delay too")
     prior: dict[str, str] = Field(default_factory=dict)
 
 

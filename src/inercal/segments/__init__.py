@@ -1,15 +1,25 @@
 """From a recording to observations: marks, their checks, and means over sections."""
 
 from inercal.segments.against_plan import check_against_plan, check_turn_ends
+from inercal.segments.attitudes import as_found, held, unflawed
 from inercal.segments.average import observe
 from inercal.segments.detect import find_marks
 from inercal.segments.marks import check_marks, marks_from_labels
+from inercal.segments.passages import between_rests
+from inercal.segments.rests import Rests, find_rests, scatter
 
 __all__ = [
+    "Rests",
+    "as_found",
+    "between_rests",
     "check_against_plan",
     "check_marks",
     "check_turn_ends",
     "find_marks",
+    "find_rests",
+    "held",
     "marks_from_labels",
     "observe",
+    "scatter",
+    "unflawed",
 ]

@@ -16,11 +16,12 @@ from inercal.plan import Hold, Step, Turn
 from inercal.recording import Mark, Observations, Recording
 from inercal.segments.drift import drift_covariance
 from inercal.sensors import Sensor
-from inercal.uncertainty import pooled_mean_covariances
+from inercal.uncertainty import BATCHES, pooled_mean_covariances
 
 Array = NDArray[np.float64]
 MOVING = 10.0  # times the usual scatter; noise differs less between positions, a move far more
 MIN_SAMPLES = 20  # fewer leave no batches to judge the noise by
+_FREEDOM = 114  # degrees of freedom behind the noise: those of six positions of 20 batches
 
 
 def observe(
@@ -44,7 +45,12 @@ def observe(
     by_label = {mark.label: mark for mark in marks}
     used = [step for step in steps if step.label in by_label]
     columns = [recording.channels.index(name) for name in sensor.channels]
-    sections: list[Array] = []
+
+    def section(step: Step) -> Array:
+        # Made anew each time: all sections together may be as large as the recording.
+        mark = by_label[step.label]
+        return sensor.to_si(recording.data[..., mark.start : mark.stop, columns])
+
     for step in used:
         mark = by_label[step.label]
         _refuse_flaws(recording, mark, step, sensor.channels)
@@ -53,22 +59,22 @@ def observe(
                 f"{recording.source}: section {mark.label} has {mark.stop - mark.start} samples; "
                 f"at least {MIN_SAMPLES} are needed"
             )
-        sections.append(sensor.to_si(recording.data[..., mark.start : mark.stop, columns]))
-    still = [k for k, step in enumerate(used) if isinstance(step, Hold)]
-    if not still:
+    holds = [step for step in used if isinstance(step, Hold)]
+    if not holds:
         raise InputError(f"{recording.source}: no position at rest is marked")
-    holds = [sections[k] for k in still]
-    _refuse_moves(recording, [used[k].label for k in still], holds)
-    samples = np.array([section.shape[-2] for section in sections])
-    of_holds, dof = pooled_mean_covariances(holds)
-    density = of_holds[0] * holds[0].shape[-2]
-    coarse = _quantisation(recording.data[..., columns], sensor, holds)
+    scatter = np.stack([section(step).std(axis=-2) for step in holds])
+    _refuse_moves(recording, [step.label for step in holds], scatter)
+    batches = max(4, min(BATCHES, -(-_FREEDOM // len(holds)) + 1))
+    of_holds, dof = pooled_mean_covariances(map(section, holds), batches)
+    samples = np.array([by_label[step.label].stop - by_label[step.label].start for step in used])
+    density = of_holds[0] * samples[used.index(holds[0])]
+    coarse = _quantisation(recording.data, columns, sensor, scatter)
     ranges = [(by_label[step.label].start, by_label[step.label].stop) for step in used]
     durations = np.array([recording.span(*limits) for limits in ranges])
     middles = np.array([recording.time[start] for start, _ in ranges]) + 0.5 * durations
     return Observations(
         labels=tuple(step.label for step in used),
-        mean=np.stack([section.mean(axis=-2) for section in sections], axis=-2),
+        mean=np.stack([section(step).mean(axis=-2) for step in used], axis=-2),
         covariance=density[..., None, :, :] / samples[:, None, None] + np.diag(coarse),
         duration=durations,
         samples=samples,
@@ -84,29 +90,29 @@ def observe(
     )
 
 
-def _quantisation(data: Array, sensor: Sensor, holds: Sequence[Array]) -> Array:
+def _quantisation(data: Array, columns: Sequence[int], sensor: Sensor, scatter: Array) -> Array:
     """Return the variance that coarse steps add to each mean, (m,): q²/12, GUM F.2.2.1.
 
     Noise of more than half a step makes a mean as good as without steps, and less does not: all
     samples of a hold then share one rounding error. The step is the stated one, or the data's.
+    `scatter` are the holds' standard deviations, (holds, ..., m).
     """
     variance = np.zeros(len(sensor.axes))
-    for k, axis in enumerate(sensor.axes):
-        steps = np.abs(np.diff(data[..., k], axis=-1))
-        found = float(steps[steps > 0].min()) if (steps > 0).any() else 0.0
+    for k, (column, axis) in enumerate(zip(columns, sensor.axes, strict=True)):
+        steps = np.abs(np.diff(data[..., column], axis=-1))
+        found = float(np.min(steps, initial=np.inf, where=steps > 0))
+        found = found if np.isfinite(found) else 0.0
         step = max(axis.noise.quantisation, found / abs(axis.readout.scale))
-        scatter = np.mean([hold[..., k].var(axis=-1).mean() for hold in holds])
-        if scatter < (0.5 * step) ** 2:
+        if np.mean(scatter[..., k] ** 2) < (0.5 * step) ** 2:
             variance[k] = step**2 / 12
     return variance
 
 
-def _refuse_moves(recording: Recording, labels: Sequence[str], holds: Sequence[Array]) -> None:
+def _refuse_moves(recording: Recording, labels: Sequence[str], scatter: Array) -> None:
     """Refuse a hold that scatters far more than the others: a move lies within its mark."""
-    scatter = np.stack([hold.std(axis=-2) for hold in holds])
     usual = np.median(scatter, axis=0)
     ratio = np.where(usual > 0, scatter / np.where(usual > 0, usual, 1.0), 0.0)
-    worst = ratio.reshape(len(holds), -1).max(axis=1)
+    worst = ratio.reshape(len(labels), -1).max(axis=1)
     if worst.max() > MOVING:
         k = int(worst.argmax())
         raise InputError(

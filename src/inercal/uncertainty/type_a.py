@@ -13,7 +13,7 @@ noise pool their scatter: a fit that is weighted by a covariance of ν degrees o
 channels has its χ² enlarged by about ν / (ν − m − 1), so ν should be many times m.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,11 +45,13 @@ def mean_covariance(samples: Array) -> tuple[Array, float]:
     InputError
         Too few samples for a covariance of m channels.
     """
-    covariances, dof = pooled_mean_covariances([samples])
+    covariances, dof = pooled_mean_covariances([samples], max(BATCHES, samples.shape[-1] + 1))
     return covariances[0], dof
 
 
-def pooled_mean_covariances(sections: Sequence[Array]) -> tuple[list[Array], float]:
+def pooled_mean_covariances(
+    sections: Iterable[Array], batches: int = BATCHES
+) -> tuple[list[Array], float]:
     """Return the covariance of the mean of each of several sections of the same noise.
 
     The sections share one Ω, so that short sections borrow from each other; each mean has its
@@ -57,8 +59,12 @@ def pooled_mean_covariances(sections: Sequence[Array]) -> tuple[list[Array], flo
 
     Parameters
     ----------
-    sections : sequence of (..., n, m) arrays
+    sections : iterable of (..., n, m) arrays
         Sections of any lengths at one sampling rate; their means may differ, their noise may not.
+        They are looked at once, one after another.
+    batches : int
+        Batches a section. Of many sections few and long batches do: 4 of each of 40 leave as many
+        degrees of freedom as 20 of each of six, and stand noise of a longer correlation.
 
     Returns
     -------
@@ -72,20 +78,21 @@ def pooled_mean_covariances(sections: Sequence[Array]) -> tuple[list[Array], flo
     InputError
         Too few samples for a covariance of m channels.
     """
-    m = sections[0].shape[-1]
-    total, dof = np.zeros((*sections[0].shape[:-2], m, m)), 0
+    total, dof, m = np.zeros(()), 0, 0
+    counts: list[int] = []
     for section in sections:
-        n = section.shape[-2]
-        batches = min(max(BATCHES, m + 1), n)
-        edges = np.arange(batches) * n // batches
+        n, m = section.shape[-2:]
+        counts.append(n)
+        number = min(max(batches, 2), n)
+        edges = np.arange(number) * n // number
         length = np.diff(edges, append=n)
         means = np.add.reduceat(section, edges, axis=-2) / length[:, None]
         off = (means - np.mean(section, axis=-2, keepdims=True)) * np.sqrt(length)[:, None]
         total = total + np.swapaxes(off, -1, -2) @ off
-        dof += batches - 1
-    if dof < m:
+        dof += number - 1
+    if dof < max(m, 1):
         raise InputError(
-            f"{sum(s.shape[-2] for s in sections)} samples about {len(sections)} means leave {dof}"
-            f" degrees of freedom; a covariance of {m} channels needs at least {m}"
+            f"{sum(counts)} samples about {len(counts)} means leave {dof} degrees of freedom; "
+            f"a covariance of {m} channels needs at least {m}"
         )
-    return [total / (dof * section.shape[-2]) for section in sections], float(dof)
+    return [total / (dof * n) for n in counts], float(dof)

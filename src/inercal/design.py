@@ -1,0 +1,103 @@
+"""What a plan will give before anything is moved: it is rehearsed in simulation."""
+
+from dataclasses import dataclass, replace
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches.simulate import perform
+from inercal.errors import InputError
+from inercal.pipeline import read_out
+from inercal.plan import Hold, Step
+from inercal.recording import Mark, Recording
+from inercal.runfile import Run
+from inercal.segments import between_rests, marks_from_labels, observe
+from inercal.sensors import Sensor
+
+Array = NDArray[np.float64]
+SESSIONS = 5
+_SETTLING = 0.25  # s
+
+
+@dataclass(frozen=True, eq=False)
+class Expected:
+    """A plan and what it will give.
+
+    Parameters
+    ----------
+    steps : tuple of Step
+    sensor : Sensor
+        With the coefficients that are found.
+    std : (p,) array
+        Expected standard uncertainties, SI: the median over rehearsals.
+    seconds : float
+        Of the whole plan, moves included.
+    """
+
+    steps: tuple[Step, ...]
+    sensor: Sensor
+    std: Array
+    seconds: float
+
+
+def typical() -> Path:
+    """Return the run file of a usual MEMS IMU in the hand, where none is given."""
+    return Path(str(files("inercal") / "hand_held.toml"))
+
+
+def rehearse(run: Run, sessions: int = SESSIONS) -> Expected:
+    """Carry the run's plan out in simulation and return what its estimator then states.
+
+    Parameters
+    ----------
+    run : Run
+        Of a method with free attitudes; its sensor's noise and its bench count, its data do not.
+    sessions : int
+        Rehearsals; their median is not moved by one whose χ² asks for more by chance.
+
+    Raises
+    ------
+    InputError
+        No noise of the sensor, no rate, or a method whose sections need marks.
+    """
+    if not run.method.free:
+        raise InputError(f"plans of method {run.method.name} are fixed; multi_position's are made")
+    if run.rate_hz is None:
+        raise InputError(f"{run.path}: [data] rate is missing; a rehearsal needs it")
+    for axis in run.sensor.axes:
+        if not axis.noise.white:
+            kind = "accelerometer" if axis.measures == "f" else "gyro"
+            raise InputError(f"{run.path}: [sensor.{kind}] white is missing; a rehearsal needs it")
+    found: list[Array] = []
+    p, length = len(run.sensor.coefficients), 0.0
+    estimator = run.method.estimator(run.estimator)
+    for seed in range(sessions):
+        recording = _simulated(run, run.rate_hz, np.random.default_rng(seed))
+        length = recording.duration
+        holds = tuple(step for step in run.steps if isinstance(step, Hold))
+        marks = _marks(recording)
+        seen = observe(recording, run.sensor, marks, holds)
+        if run.sensor.only("w").axes:
+            seen = replace(seen, passages=between_rests(recording, run.sensor, marks))
+        estimate = estimator(seen, run.sensor, run.bench, run.steps, run.priors)
+        found.append(estimate.std[:p])
+    return Expected(run.steps, run.sensor, np.median(found, axis=0), length)
+
+
+def _simulated(run: Run, rate_hz: float, rng: np.random.Generator) -> Recording:
+    done = perform(run.bench, run.steps, rate_hz, rng, carried=True)
+    c = np.zeros(len(run.sensor.coefficients))
+    data = read_out(run.sensor, done.motion, c, rate_hz, rng)[0]
+    units = tuple(axis.readout.unit for axis in run.sensor.axes)
+    return Recording(done.time, data, run.sensor.channels, units, done.labels)
+
+
+def _marks(recording: Recording) -> tuple[Mark, ...]:
+    # The hand is steady some time after it arrives and before it leaves.
+    trim = round(_SETTLING * recording.rate_hz)
+    return tuple(
+        replace(mark, start=mark.start + trim, stop=mark.stop - trim)
+        for mark in marks_from_labels(recording)
+    )

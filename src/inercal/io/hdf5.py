@@ -1,0 +1,135 @@
+"""HDF5 files, and MATLAB files of version 7.3, which are HDF5, through h5py."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from inercal.errors import InputError
+from inercal.io.table import Table, Wanted, shortened
+from inercal.io.variables import (
+    CELL,
+    COMPLEX,
+    DAMAGED,
+    FUNCTION,
+    OBJECT,
+    SPARSE,
+    STRUCTS,
+    Variable,
+    table_of,
+)
+
+_MOST_PACKED = 1100  # times; deflate reaches 1032
+
+
+def read_hdf5(path: Path, wanted: Wanted) -> Table:
+    """Read a table from an HDF5 file or a MATLAB file of version 7.3, some samples at a time.
+
+    Parameters
+    ----------
+    path : Path
+        Data sets (n,), (n, k) or (k, n), by themselves or in groups; text is labels. See
+        `inercal.io.variables` for the names of columns. Links to other files are not followed.
+    wanted : Wanted
+
+    Raises
+    ------
+    InputError
+        h5py is not installed, the file is damaged, or its variables form no table.
+    """
+    h5py = _h5py()
+    try:
+        with h5py.File(path, "r") as file:
+            variables = list(_variables(h5py, file, "", set()))
+            return table_of(path, variables, wanted)
+    except DAMAGED as error:
+        raise InputError(
+            f"{path.name} is no HDF5 file or is damaged: {shortened(str(error), 120)}"
+        ) from error
+
+
+def _h5py() -> Any:
+    """Return the package: imported only where such a file is met, since it is an extra."""
+    try:
+        return import_module("h5py")
+    except ImportError as error:
+        raise InputError(
+            "HDF5 files, which .mat files of version 7.3 are, need h5py: pip install 'inercal[io]'"
+        ) from error
+
+
+def _variables(h5py: Any, group: Any, before: str, seen: set[int]) -> Iterator[Variable]:
+    """Yield the data sets in a group and in those below it, each group once."""
+    for key in group:
+        # MATLAB keeps the contents of cells and objects in groups named #refs#, #subsystem#.
+        if key.startswith("#") or not isinstance(group.get(key, getlink=True), h5py.HardLink):
+            continue
+        item, name = group[key], before + key
+        kind = _matlab_class(item)
+        if isinstance(item, h5py.Dataset):
+            yield _variable(h5py, item, name, kind)
+        elif isinstance(item, h5py.Group):
+            address = h5py.h5o.get_info(item.id).addr
+            if "MATLAB_sparse" in item.attrs:
+                yield Variable(name, refused=SPARSE)
+            elif kind not in ("", "struct"):
+                yield Variable(name, refused=FUNCTION if kind == "function_handle" else OBJECT)
+            elif address not in seen:
+                seen.add(address)
+                yield from _variables(h5py, item, f"{name}.", seen)
+
+
+def _matlab_class(item: Any) -> str:
+    """Return the class that MATLAB states; empty where another program wrote the item."""
+    kind = item.attrs.get("MATLAB_class", b"")
+    return kind.decode("latin-1") if isinstance(kind, bytes) else str(kind)
+
+
+def _variable(h5py: Any, data: Any, name: str, kind: str) -> Variable:
+    """Return one data set as a variable."""
+    if "MATLAB_object_decode" in data.attrs or kind == "function_handle":
+        return Variable(name, refused=FUNCTION if kind == "function_handle" else OBJECT)
+    if not data.size or "MATLAB_empty" in data.attrs:
+        return Variable(name, refused="is empty")
+    if data.size * data.dtype.itemsize > _MOST_PACKED * data.id.get_storage_size():
+        return Variable(name, refused=f"{data.shape} is not all in the file")
+    if h5py.check_ref_dtype(data.dtype) is not None:
+        if kind != "cell":
+            return Variable(name, refused=STRUCTS)
+        first = data.file[data[(0,) * data.ndim]]
+        refused = "" if _matlab_class(first) == "char" else CELL
+        return Variable(name, (data.size,), partial(_cells, data), text=True, refused=refused)
+    if kind == "char":
+        return Variable(name, (data.shape[-1],), partial(_letters, data), text=True)
+    if h5py.check_string_dtype(data.dtype) is not None:
+        return Variable(name, (data.size,), lambda: list(data.asstr()[()].flat), text=True)
+    if data.dtype.names == ("real", "imag") or data.dtype.kind == "c":
+        return Variable(name, refused=COMPLEX)
+    if data.dtype.kind not in "fiub":
+        return Variable(name, refused=f"of {data.dtype} is neither numbers nor text")
+    plain = Variable(name, data.shape, lambda: data, transposed=kind != "")
+    return replace(plain, chunk=data.chunks[plain.along]) if data.chunks else plain
+
+
+def _letters(data: Any) -> list[str]:
+    """Return the rows of a matrix of letters, which MATLAB stores in columns of UTF-16."""
+    codes = np.atleast_2d(np.asarray(data[()], dtype="<u2")).T
+    return [row.tobytes().decode("utf-16-le", "replace").rstrip() for row in codes]
+
+
+def _cells(data: Any) -> list[str]:
+    """Return the texts that the cells refer to."""
+    texts: list[str] = []
+    for reference in data[()].flat:
+        cell = data.file[reference]
+        if "MATLAB_empty" in cell.attrs:
+            texts.append("")
+        elif _matlab_class(cell) == "char" and cell.shape[-1] == 1:
+            texts += _letters(cell)
+        else:
+            raise InputError(f"{Path(data.file.filename).name}: {data.name[1:]!r} {CELL}")
+    return texts

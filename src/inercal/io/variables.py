@@ -1,0 +1,202 @@
+"""Variables of a file of arrays, MATLAB's or HDF5's, as the columns of a table.
+
+A vector of numbers is a column by its own name. Of a matrix samples run along the longer side, as
+rows or as columns, and the other side is counted from 1: `acc`, (n, 3) or (3, n), gives "acc(1)",
+"acc(2)", "acc(3)". What stands in a struct or group has its name before a dot, "imu.acc(2)". Beside
+the recording a file may hold parameters: the recording is what has the length of most numbers.
+"""
+
+import zlib
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.errors import InputError
+from inercal.io.table import (
+    BLOCK,
+    MOST_COLUMNS,
+    Array,
+    Column,
+    Table,
+    Wanted,
+    as_labels,
+    blocks,
+    refuse_unequal,
+    sha256_of,
+    wanted_columns,
+)
+
+# Why a variable is no column.
+OBJECT = "is a MATLAB object (table, string, datetime, …): save its columns as plain arrays"
+FUNCTION = "is a function handle, not numbers"
+COMPLEX = "holds complex numbers: save their parts apart"
+SPARSE = "is a sparse matrix: save it with full()"
+STRUCTS = "is an array of structs: save a struct of arrays"
+CELL = "is a cell array of something other than one text a cell"
+
+# What SciPy and h5py raise on files whose bytes were changed.
+DAMAGED = (
+    OSError,
+    EOFError,
+    RuntimeError,
+    LookupError,
+    ValueError,
+    TypeError,
+    AttributeError,
+    MemoryError,
+    OverflowError,
+    SystemError,
+    zlib.error,
+)
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One array of a file.
+
+    Parameters
+    ----------
+    name : str
+        With those of the structs or groups around it.
+    shape : tuple of int
+        As stored; of text, (n,).
+    open : function
+        Returns the array or what can be sliced like it; of text, its n entries.
+    text : bool
+        Whether it holds words.
+    transposed : bool
+        Whether it is stored with its axes reversed, which tells the samples of a square matrix.
+    chunk : int
+        Samples stored together; as many are read at once.
+    refused : str
+        Why it is no column; empty where it is.
+    """
+
+    name: str
+    shape: tuple[int, ...] = ()
+    open: Callable[[], Any] = lambda: None
+    text: bool = False
+    transposed: bool = False
+    chunk: int = 1
+    refused: str = ""
+
+    @property
+    def why_not(self) -> str:
+        """Why it is no column; empty where it is one or several."""
+        if self.refused:
+            return self.refused
+        if 0 in self.shape:
+            return "is empty"
+        if not 1 <= len(self.shape) <= 2:
+            return "is a single number" if not self.shape else f"has {len(self.shape)} axes, not 2"
+        return f"{self.shape} is no table" if min(self.sides) > MOST_COLUMNS else ""
+
+    @property
+    def sides(self) -> tuple[int, int]:
+        """Number of samples, and of columns."""
+        return self.shape[self.along], int(np.prod(self.shape)) // self.shape[self.along]
+
+    @property
+    def along(self) -> int:
+        """The axis of samples; 0 also where `why_not` says that there is none."""
+        if len(self.shape) != 2:
+            return 0
+        first, last = self.shape
+        return int(last > first or (last == first and self.transposed))
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of its columns."""
+        count = self.sides[1]
+        return (self.name,) if count == 1 else tuple(f"{self.name}({k + 1})" for k in range(count))
+
+
+def table_of(path: Path, variables: Sequence[Variable], wanted: Wanted) -> Table:
+    """Return the table that a file's variables make.
+
+    Raises
+    ------
+    InputError
+        No column, none of the name wanted or not of numbers, or columns of unequal length.
+    """
+    source = path.name
+    refused = {v.name: v.why_not for v in variables if v.why_not}
+    columns: list[tuple[str, Variable, int]] = []
+    for v in variables:
+        if v.name not in refused:
+            columns += [(name, v, k) for k, name in enumerate(v.columns)]
+    for name in wanted.names or ():
+        _refuse_what_is_no_column(name, [name for name, _, _ in columns], refused, source)
+    if not columns:
+        first = next((f": {name!r} {why}" for name, why in refused.items()), "")
+        raise InputError(f"{source} has no columns of numbers{first}")
+    counted: Counter[int] = Counter()
+    for _, v, _ in columns:
+        counted[v.sides[0]] += v.sides[0]
+    length = max(counted, key=lambda n: (counted[n], n))
+    asked = set(wanted.names or ())
+    names = [name for name, v, _ in columns if v.sides[0] == length or name in asked]
+    chosen = wanted_columns(names, wanted.names, source)
+    found = {name: (v, k) for name, v, k in columns if name in chosen}
+    refuse_unequal({name: found[name][0].sides[0] for name in chosen}, source)
+    read, block = _read([found[name][0] for name in chosen], chosen, wanted, source)
+    return Table(tuple(names), read, source, sha256_of(path), 0, header=True, block=block)
+
+
+def _refuse_what_is_no_column(
+    name: str, names: Sequence[str], refused: dict[str, str], source: str
+) -> None:
+    """Raise InputError with the reason where a wanted column stands in a variable without any."""
+    if name in names:
+        return
+    for whole, why in refused.items():
+        if name == whole or name.startswith((f"{whole}.", f"{whole}(")):
+            raise InputError(f"{source}: {whole!r} {why}")
+
+
+def _read(
+    variables: Sequence[Variable], chosen: Sequence[str], wanted: Wanted, source: str
+) -> tuple[dict[str, Column], Array]:
+    """Return the chosen columns by name, and their block, reading some samples at a time."""
+    n = variables[0].sides[0]
+    text = {v.name for v in variables if v.text}
+    numbers = [name for name, v in zip(chosen, variables, strict=True) if not v.text]
+    blank, block = wanted.blank(n, numbers)
+    read: dict[str, Column] = {}
+    for variable in {v.name: v for v in variables}.values():
+        stored = variable.open()
+        if variable.name in text:
+            read[variable.name] = as_labels(stored, variable.name, source)
+            continue
+        kind = stored.dtype
+        if kind.kind not in "fiub":
+            why = COMPLEX if kind.kind == "c" else f"of {kind} holds no numbers"
+            raise InputError(f"{source}: {variable.name!r} {why}")
+        places = [(k, name) for k, name in enumerate(variable.columns) if name in blank]
+        for rows in blocks(n, _rows_at_a_time(variable)):
+            part: NDArray[Any] = np.asarray(
+                stored[rows] if variable.along == 0 else stored[:, rows]
+            )
+            part = part.reshape(len(part), -1) if variable.along == 0 else part.T
+            for k, name in places:
+                blank[name][rows] = part[:, k]
+        for _, name in places:
+            read[name] = _numbered(blank[name]) if name in wanted.text else blank[name]
+    return {name: read[name] for name in chosen}, block
+
+
+def _rows_at_a_time(variable: Variable) -> int:
+    """Return whole chunks: no part of a file is unpacked twice."""
+    rows = max(1, 8 * BLOCK // variable.sides[1])
+    return -(-rows // variable.chunk) * variable.chunk
+
+
+def _numbered(values: Array) -> Column:
+    """Return numbers as labels where all are whole: MATLAB writes 1, 2, 3 as floating point."""
+    whole = np.isfinite(values).all() and (values == np.round(values)).all()
+    return values.astype(np.int64).astype(np.str_) if whole else values

@@ -1,0 +1,175 @@
+"""Compiled: the rotation that integrated rates make of each passage, sample by sample.
+
+With ω̂ = W y + w₀ the corrected rate of a sample and φ the rotation of one step between samples
+(rates taken as linear in between; Magnus series to fourth order in the step)::
+
+    φ = ½ (ω₀ + ω₁) Δt + Δt²/12 ω₀ × ω₁
+    u₁ = E u₀,   E = exp(−[φ×])           a direction fixed in space, seen from the turning body
+    ψ₁ = E (ψ₀ + ½ dφ) + ½ dφ             turn of the end frame by errors of the rate, dφ = δω Δt
+
+so that δu = u × ψ at the end. Miller (1983), J. Guidance 6(4), 287–291, for the two-sample step.
+"""
+# Numba's decorator has no types.
+# pyright: reportUntypedFunctionDecorator=false
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def carry(
+    time: Array,
+    output: Array,
+    start: Indices,
+    left: Indices,
+    reached: Indices,
+    stop: Indices,
+    back: Array,
+    zero: Array,
+    white: Array,
+) -> tuple[Array, Array, Array]:
+    """Return rotation, sensitivity and noise of each of k passages.
+
+    Parameters
+    ----------
+    time, output, start, left, reached, stop
+        Of `inercal.recording.Passages`.
+    back, zero : (6, m) and (6,) arrays
+        f and ω from the output: back @ y + zero, SI.
+    white : (3, 3) array
+        Covariance of one sample of the rate, as far as it is white, (rad/s)².
+
+    Returns
+    -------
+    rotation : (k, 3, 3) array
+        From the body's frame before to that after.
+    sensitivity : (k, 3, 3, 7) array
+        Σ C ⊗ (f, ω, 1) Δt with C the rotation from a sample's frame to the last: [a, b, j] is what
+        a rate error along b in proportion to quantity j turns about a at the end.
+    noise : (k, 3, 3) array
+        Covariance of ψ by the rate's white noise, rad².
+    """
+    count, m = start.size, output.shape[1]
+    rotation, noise = np.empty((count, 3, 3)), np.empty((count, 3, 3))
+    sensitivity = np.empty((count, 3, 3, 7))
+    felt, last = np.empty(7), np.empty(7)
+    e, turned = np.empty((3, 3)), np.empty((3, 3))
+    felt[6] = 1.0
+    for k in range(count):
+        r, s, p = np.eye(3), np.zeros((3, 21)), np.zeros((3, 3))
+        rise, fall = left[k] - start[k] + 1.0, stop[k] - reached[k] + 1.0
+        for i in range(start[k], stop[k] + 1):
+            last[:] = felt
+            for a in range(6):
+                total = zero[a]
+                for b in range(m):
+                    total += back[a, b] * output[i, b]
+                felt[a] = total
+            if i == start[k]:
+                continue
+            dt = time[i] - time[i - 1]
+            if i <= left[k]:
+                dt *= (i - start[k]) / rise
+            elif i > reached[k]:
+                dt *= (stop[k] - i + 1) / fall
+            h, c = 0.5 * dt, dt * dt / 12.0
+            x = h * (last[3] + felt[3]) + c * (last[4] * felt[5] - last[5] * felt[4])
+            y = h * (last[4] + felt[4]) + c * (last[5] * felt[3] - last[3] * felt[5])
+            z = h * (last[5] + felt[5]) + c * (last[3] * felt[4] - last[4] * felt[3])
+            square = x * x + y * y + z * z
+            if square > 1e-12:
+                angle = np.sqrt(square)
+                one, two = np.sin(angle) / angle, (1.0 - np.cos(angle)) / square
+            else:
+                one, two = 1.0 - square / 6.0, 0.5 - square / 24.0
+            e[0, 0] = 1.0 - two * (y * y + z * z)
+            e[1, 1] = 1.0 - two * (x * x + z * z)
+            e[2, 2] = 1.0 - two * (x * x + y * y)
+            e[0, 1], e[1, 0] = two * x * y + one * z, two * x * y - one * z
+            e[0, 2], e[2, 0] = two * x * z - one * y, two * x * z + one * y
+            e[1, 2], e[2, 1] = two * y * z + one * x, two * y * z - one * x
+            for j in range(3):
+                r0, r1, r2 = r[0, j], r[1, j], r[2, j]
+                for a in range(3):
+                    r[a, j] = e[a, 0] * r0 + e[a, 1] * r1 + e[a, 2] * r2
+            # Half of a step's error is made before it and half after; columns are (b, quantity).
+            for j in range(7):
+                half = 0.25 * dt * (last[j] + felt[j])
+                for b in range(3):
+                    column = 7 * b + j
+                    s[b, column] += half
+                    s0, s1, s2 = s[0, column], s[1, column], s[2, column]
+                    for a in range(3):
+                        s[a, column] = e[a, 0] * s0 + e[a, 1] * s1 + e[a, 2] * s2
+                    s[b, column] += half
+            for a in range(3):
+                for b in range(3):
+                    turned[a, b] = e[a, 0] * p[0, b] + e[a, 1] * p[1, b] + e[a, 2] * p[2, b]
+            for a in range(3):
+                for b in range(3):
+                    p[a, b] = (
+                        turned[a, 0] * e[b, 0]
+                        + turned[a, 1] * e[b, 1]
+                        + turned[a, 2] * e[b, 2]
+                        + white[a, b] * dt * dt
+                    )
+        rotation[k], noise[k] = r, p
+        sensitivity[k] = s.reshape(3, 3, 7)
+    return rotation, sensitivity, noise
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def lag(
+    time: Array,
+    output: Array,
+    left: Indices,
+    reached: Indices,
+    back: Array,
+    zero: Array,
+    before: Array,
+    g: float,
+) -> tuple[Array, Array]:
+    """Return Σ d·(f − g u) and Σ d·d over each passage, d = g u × ω: their ratio is a delay, s.
+
+    Parameters
+    ----------
+    time, output, left, reached
+        Of `inercal.recording.Passages`.
+    back, zero : (6, m) and (6,) arrays
+        f and ω from the output, SI.
+    before : (k, 3) array
+        Up in the body's frame in the rest before, unit vectors.
+    g : float
+        m/s².
+    """
+    count, m = left.size, output.shape[1]
+    along, square = np.zeros(count), np.zeros(count)
+    felt, last = np.empty(6), np.empty(6)
+    for k in range(count):
+        x, y, z = before[k]
+        for i in range(left[k], reached[k] + 1):
+            last[:] = felt
+            for a in range(6):
+                total = zero[a]
+                for b in range(m):
+                    total += back[a, b] * output[i, b]
+                felt[a] = total
+            if i > left[k]:
+                # u turns by u × ω; the middle of the step makes it second order.
+                h = 0.5 * (time[i] - time[i - 1])
+                p, q, r = h * (last[3] + felt[3]), h * (last[4] + felt[4]), h * (last[5] + felt[5])
+                u = x + 0.5 * (y * r - z * q)
+                v = y + 0.5 * (z * p - x * r)
+                w = z + 0.5 * (x * q - y * p)
+                x, y, z = x + v * r - w * q, y + w * p - u * r, z + u * q - v * p
+            d0 = y * felt[5] - z * felt[4]
+            d1 = z * felt[3] - x * felt[5]
+            d2 = x * felt[4] - y * felt[3]
+            off0, off1, off2 = felt[0] - g * x, felt[1] - g * y, felt[2] - g * z
+            along[k] += g * (d0 * off0 + d1 * off1 + d2 * off2)
+            square[k] += g * g * (d0 * d0 + d1 * d1 + d2 * d2)
+    return along, square

@@ -1,0 +1,80 @@
+"""What would make a multi_position result better, in words."""
+
+# pyright: reportMissingTypeStubs=false
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import fdtrc
+
+from inercal.estimate import Estimate
+from inercal.methods.coverage import Errors, next_attitudes
+from inercal.methods.missing import in_words
+from inercal.methods.rests import Rests
+from inercal.units import digits
+
+Array = NDArray[np.float64]
+_BETTER = 1.5  # times: less gain is not worth the hand's trouble
+_EXTRA = 3  # attitudes advised where a result is weak
+_COVERAGE = 2.0  # k of the expanded uncertainties that are told
+_CHANCE = 1e-3  # that rates without a sensitivity look like it
+
+
+def advice(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
+    """Return what to add and what it would gain, where a few more attitudes would gain much.
+
+    Computed from the information matrix, with the noise and scatter that were found.
+    """
+    sensor, p = rests.sensor, len(rests.sensor.coefficients)
+    natural = sensor.natural
+    covariance = estimate.covariance[:p, :p] / np.outer(natural, natural)
+    sizes = {group.name: float(np.sqrt(np.mean(group.sd**2))) for group in estimate.groups}
+    typical = Errors(*(sizes.get(name, 1.0) for name in ("norms", "rates", "rotations")))
+    ups = rests.norms(np.concatenate([estimate.value[:p], rests.start()[p:]])).up
+    before = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
+    more, after = next_attitudes(
+        sensor, before, ups[-1], rests.bench.gravity.value, typical, enough=0.0, most=_EXTRA
+    )
+    old = np.sqrt(np.diag(covariance)) * natural
+    new = np.sqrt(np.diag(np.linalg.inv(after))) * natural
+    k = int(np.argmax(old / new))
+    if old[k] < _BETTER * new[k]:
+        return ()
+    name = sensor.coefficients[k]
+    line = sensor.coefficient(name)
+    sizes_told = [digits(0.0, _COVERAGE * float(sd[k]) / line.si)[1] for sd in (old, new)]
+    return (
+        f"{name} is known poorly: {in_words(more)} would bring its U from {sizes_told[0]} to "
+        f"{sizes_told[1]} {line.unit}",
+    )
+
+
+def g_sensitivity(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
+    """Say so where the rates at rest follow gravity and the gyros' model has no term for it.
+
+    An F test of the rates' residuals against the attitude, at 0.1 %.
+    """
+    group = next((group for group in estimate.groups if group.name == "rates"), None)
+    names = rests.sensor.coefficients
+    if group is None or any(name.endswith((".g_i", ".g_p", ".g_o")) for name in names):
+        return ()
+    p = len(names)
+    up = rests.norms(np.concatenate([estimate.value[:p], rests.start()[p:]])).up
+    weight = 1 / group.sd.mean(axis=1)[:, None]
+    attitude = weight * np.column_stack([np.ones(len(up)), up])
+    freedom = 3 * (len(up) - 4)
+    if freedom < 1:
+        return ()
+    alone, with_it = (_left(design, weight * group.residual) for design in (weight, attitude))
+    ratio = (alone - with_it) / 9 / (with_it / freedom)
+    if fdtrc(9, freedom, ratio) > _CHANCE:
+        return ()
+    explained = 100 * (1 - with_it / alone)
+    return (
+        f"the rates at rest follow gravity ({explained:.0f} % of their scatter): the gyros are "
+        'sensitive to acceleration; find that too with [method] also = ["g"]',
+    )
+
+
+def _left(design: Array, y: Array) -> float:
+    """Return the sum of squares that a linear model leaves."""
+    return float(np.sum((y - design @ np.linalg.lstsq(design, y, rcond=None)[0]) ** 2))

@@ -1,0 +1,181 @@
+"""What a set of attitudes determines, what is missing, and which attitude to add next.
+
+A design is judged by its own geometry: the deviation of each combination of coefficients were every
+norm wrong by 1 mg and every rotation by 10 mrad (and every rate by 10 mrad/s). Such errors are
+beyond any noise, and are what bending, temperature and hands leave. A combination that they would
+shift by a tenth of its natural size is not observed, however quiet the sensor.
+
+Attitudes to add are taken one after another from the 26 directions of a cube's faces, edges and
+corners: each time the one that, with the turn that leads to it, adds most to the determinant of
+the information matrix (D-optimal; Fedorov 1972, Theory of Optimal Experiments, chapter 3).
+"""
+
+from dataclasses import replace
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches.hand import across
+from inercal.errors import InputError
+from inercal.frames import exp_so3, skew
+from inercal.methods.rotations import affine
+from inercal.motion import Motion
+from inercal.observe import norm
+from inercal.plan import Hold
+from inercal.sensors import G0, Sensor, imu
+
+Array = NDArray[np.float64]
+WORST_FORCE = 1e-3 * G0  # m/s², of a norm
+WORST_TURN = 1e-2  # rad of a rotation, and rad/s of a rate
+MOVE_SECONDS = 2.0
+_STEPS = 8  # of a turn, each at a constant attitude
+_MOST = 6  # attitudes to name
+_TRACE = 1e-3  # of information, beside 100 for what counts as observed: finite determinants
+_FAR = 0.8  # cosine: a turn of 37 to 143° is easy by hand, and its way is no question
+
+_CORNERS = np.array([v for v in product((0.0, 1.0, -1.0), repeat=3) if any(v)])
+CUBE: Array = _CORNERS / np.linalg.norm(_CORNERS, axis=1, keepdims=True)
+
+
+class Errors(NamedTuple):
+    """Standard deviations of a norm, m/s², of a rate, rad/s, and across a rotation, rad."""
+
+    norm: float = WORST_FORCE
+    rate: float = WORST_TURN
+    turn: float = WORST_TURN
+
+
+def rest_rows(sensor: Sensor, up: Array, g: float, errors: Errors) -> Array:
+    """Return what a rest in each attitude tells of the coefficients, (r, 1 or 4, p).
+
+    Rows are whitened by `errors`, columns in natural sizes. `up` is (r, 3).
+    """
+    force = sensor.only("f")
+    p, a = len(sensor.coefficients), len(force.coefficients)
+    nominal = np.zeros(p)
+    motion = Motion(g * up)
+    reading = force.forward(motion, nominal[:a])
+    rows = np.zeros((len(up), 1 + len(sensor.axes) - len(force.axes), p))
+    rows[:, 0, :a] = norm(force, reading, nominal[:a], np.array(g)).jacobian[:, :-1] / errors.norm
+    rows[:, 1:] = sensor.design(motion, nominal)[:, len(force.axes) :] / errors.rate
+    return rows * sensor.natural
+
+
+def turn_rows(sensor: Sensor, before: Array, after: Array, g: float, errors: Errors) -> Array:
+    """Return what a turn by the shortest way tells, (2, p), whitened and in natural sizes.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        With gyros.
+    before, after : (3,) arrays
+        Up in the body's frame at either end, unit vectors.
+    g : float
+        m/s².
+    errors : Errors
+    """
+    axis = np.cross(after, before)
+    sine = float(np.linalg.norm(axis))
+    if sine < 1e-9:  # nowhere, or half a turn about any axis across
+        axis, sine = across((float(before[0]), float(before[1]), float(before[2])))[0], 0.0
+    else:
+        axis = axis / sine
+    angle = float(np.arctan2(sine, before @ after))
+    steps = (np.arange(_STEPS) + 0.5) / _STEPS
+    # The body turns by +angle about the axis, so what is fixed in space turns by −angle in it.
+    to_end = exp_so3(-axis * (angle * (1 - steps))[:, None])
+    up = (np.swapaxes(to_end, -1, -2) @ after[:, None])[..., 0]
+    seconds = MOVE_SECONDS / _STEPS
+    felt = np.concatenate(
+        [g * up, np.tile(axis * angle / MOVE_SECONDS, (_STEPS, 1)), np.ones((_STEPS, 1))], axis=1
+    )
+    sensitivity = np.einsum("sab,sq->abq", to_end, felt) * seconds
+    model = affine(sensor, np.zeros(len(sensor.coefficients)))
+    psi = np.einsum("abq,bqp->ap", sensitivity, model.to_coefficient)
+    b = across((float(after[0]), float(after[1]), float(after[2])))
+    return b @ skew(after) @ psi / errors.turn * sensor.natural
+
+
+def next_attitudes(
+    sensor: Sensor,
+    information: Array,
+    last: Array,
+    g: float,
+    errors: Errors,
+    enough: float,
+    most: int = _MOST,
+) -> tuple[list[Array], Array]:
+    """Return attitudes to add, and the information matrix with them.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    information : (p, p) array
+        Of what is there, in natural sizes.
+    last : (3,) array
+        Up at the last rest.
+    g : float
+    errors : Errors
+    enough : float
+        Stop when every combination has at most this deviation, in natural sizes.
+    most : int
+        Stop after so many.
+    """
+    turning = len(sensor.axes) > len(sensor.only("f").axes)
+    at_rest = rest_rows(sensor, CUBE, g, errors)
+    chosen: list[Array] = []
+    trace = _TRACE * np.eye(len(information))
+    while len(chosen) < most and _deviation(information) > enough:
+        merits = np.full(len(CUBE), -np.inf)
+        gains = [own.T @ own for own in at_rest]
+        for k in np.flatnonzero(np.abs(CUBE @ last) < _FAR).tolist():
+            if turning:
+                way = turn_rows(sensor, last, CUBE[k], g, errors)
+                gains[k] = gains[k] + way.T @ way
+            merits[k] = np.linalg.slogdet(information + gains[k] + trace)[1]
+        best = int(np.argmax(merits))
+        information = information + gains[best]
+        last = CUBE[best]
+        chosen.append(last)
+    return chosen, information
+
+
+def _deviation(information: Array) -> float:
+    """Return the largest deviation of a combination, in natural sizes."""
+    least = float(np.linalg.eigvalsh(information)[0])
+    return least**-0.5 if least > 0 else np.inf
+
+
+def hand_held(positions: int = 24, seconds: float = 3.0) -> tuple[Hold, ...]:
+    """Return a good sequence of attitudes for an IMU held by hand, +z up first.
+
+    Parameters
+    ----------
+    positions : int
+    seconds : float
+        Of each rest.
+
+    Raises
+    ------
+    InputError
+        Fewer positions than an accelerometer triad has coefficients.
+    """
+    if positions < 9:
+        raise InputError(f"{positions} positions: 9 or more are needed for 9 coefficients")
+    whole = imu()
+    parts = (
+        whole.only("f").with_coefficients("bias", "scale", "nonorthogonality"),
+        whole.only("w").with_coefficients("bias", "scale", "misalignment", "g"),
+    )
+    sensor = replace(whole, coefficients=parts[0].coefficients + parts[1].coefficients)
+    first = np.array([0.0, 0.0, 1.0])
+    start = rest_rows(sensor, first[None], G0, Errors())[0]
+    more, _ = next_attitudes(
+        sensor, start.T @ start, first, G0, Errors(), enough=0.0, most=positions - 1
+    )
+    return tuple(
+        Hold(f"p{k:02d}", (float(up[0]), float(up[1]), float(up[2])), seconds)
+        for k, up in enumerate([first, *more], 1)
+    )

@@ -1,0 +1,121 @@
+"""Many positions by hand, with no equipment but gravity.
+
+At each rest specific force has the norm g, whatever the attitude: the accelerometers' bias, scale
+factor and non-orthogonality follow from the norms. On the way to the next rest the gyros carry
+gravity's direction along, and it must arrive where the accelerometers find it: the gyros' scale
+factor and misalignment to the accelerometers' frame follow from the rotations, their bias and
+sensitivity to acceleration from the rates at rest. The frame is the accelerometers' own: x along
+the first input axis, y in the plane of the first two.
+
+Each kind of rows is judged by its own χ². Where it lies beyond its 95 % bound, the scatter that
+explains it is added to the noise (`inercal.estimate.excess`).
+
+Sources: Skog and Händel, "Calibration of a MEMS inertial measurement unit", XVII IMEKO World
+Congress, 2006 (norms); Tedaldi, Pretto, Menegatti, ICRA 2014, 3042–3049 (rotations between rests).
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches import Hand
+from inercal.errors import InputError
+from inercal.estimate import Estimate, Gaussian
+from inercal.methods._base import Method
+from inercal.methods.advice import advice, g_sensitivity
+from inercal.methods.coverage import hand_held
+from inercal.methods.missing import require_covered
+from inercal.methods.rests import Rests
+from inercal.methods.stages import accelerometers, gyros, together
+from inercal.plan import Step
+from inercal.recording import Observations
+from inercal.sensors import Sensor
+
+Array = NDArray[np.float64]
+
+
+def joint(
+    observations: Observations,
+    sensor: Sensor,
+    bench: Hand,
+    steps: Sequence[Step],
+    priors: Sequence[Gaussian] = (),
+) -> Estimate:
+    """Return all coefficients from norms, rates and rotations together: maximum likelihood.
+
+    Parameters
+    ----------
+    observations : Observations
+        Rows are rests, with the passages between them where there are gyros.
+    sensor : Sensor
+        With the coefficients that are wanted.
+    bench : Hand
+        Gravity and the earth's rate.
+    steps : sequence of Step
+        Not looked at: attitudes are found from the readings.
+    priors : sequence of Gaussian
+        On coefficients, from elsewhere.
+
+    Raises
+    ------
+    InputError
+        Observations with a trial axis.
+    NotObserved
+        Coefficients that these rests and passages leave open, and what to add.
+    """
+    rests = _rests(observations, sensor, bench, priors)
+    last = accelerometers(rests, priors)
+    if rests.passages is not None:
+        last = together(rests, gyros(rests, last, priors), priors)
+    return _with_notes(rests, last.estimate)
+
+
+def sequential(
+    observations: Observations,
+    sensor: Sensor,
+    bench: Hand,
+    steps: Sequence[Step],
+    priors: Sequence[Gaussian] = (),
+) -> Estimate:
+    """Return the accelerometers from norms alone, then the gyros, which change them no more.
+
+    The accelerometers' covariance enters that of the gyros. Parameters and errors as of `joint`.
+    """
+    rests = _rests(observations, sensor, bench, priors)
+    last = accelerometers(rests, priors)
+    if rests.passages is not None:
+        last = gyros(rests, last, priors)
+    return _with_notes(rests, last.estimate)
+
+
+def _rests(
+    observations: Observations, sensor: Sensor, bench: Hand, priors: Sequence[Gaussian]
+) -> Rests:
+    if observations.mean.ndim != 2:
+        raise InputError("method multi_position works on one recording at a time")
+    if len(sensor.axes) > len(sensor.only("f").axes) and observations.passages is None:
+        raise InputError("the gyros need the passages between rests; leave them out, or give them")
+    rests = Rests(observations, sensor, bench)
+    require_covered(rests, priors)
+    return rests
+
+
+def _with_notes(rests: Rests, estimate: Estimate) -> Estimate:
+    return replace(estimate, notes=(*g_sensitivity(rests, estimate), *advice(rests, estimate)))
+
+
+METHOD = Method(
+    name="multi_position",
+    finds={
+        "f": ("bias", "scale", "nonorthogonality"),
+        "w": ("bias", "scale", "misalignment"),
+    },
+    also={"f": ("k2", "k3"), "w": ("g",)},
+    needs=("f",),
+    plan=hand_held,
+    estimators={"joint": joint, "sequential": sequential},
+    source="Skog and Händel, IMEKO 2006; Tedaldi, Pretto, Menegatti, ICRA 2014",
+    free=True,
+)

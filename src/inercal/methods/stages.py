@@ -1,0 +1,310 @@
+"""The fits of multi_position, one after the other, each judged by its own χ².
+
+1. `accelerometers`: norms alone. The scatter of rests that χ² asks for belongs to them.
+2. `gyros`: the rates at rest show bias, sensitivity to acceleration and the bias's wander; then
+   rotations and rates are fitted with the accelerometers as they are. Their covariance P_a is
+   carried over (Schmidt's consider filter)::
+
+       cov c_g = P + K P_a Kᵀ,   cov(c_g, c_a) = −K P_a,   K = P J_gᵀ J_a   (whitened)
+
+3. `together`: all rows at once, with the scatter found before, started from there.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.estimate import Estimate, Gaussian, Group, Problem, least_squares
+from inercal.estimate.excess import chi_squared, excess
+from inercal.methods.chain import whitener
+from inercal.methods.rests import Rests, Rows, Scatter
+from inercal.sensors import G0
+
+Array = NDArray[np.float64]
+Places = NDArray[np.int64]
+_FEW = 6  # steps
+_EXACT = 1e-15  # SI; what is known better is exact
+BESIDE = ("g", "earth_1", "earth_2", "earth_up")
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """How far the fits have come.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    x : (p + 4,) array
+        All coefficients, g and the earth's rate; what is not fitted yet is nominal.
+    scatter : Scatter
+    groups : tuple of Group
+        Judged so far; χ² before any excess.
+    """
+
+    estimate: Estimate
+    x: Array
+    scatter: Scatter
+    groups: tuple[Group, ...]
+
+
+def accelerometers(rests: Rests, priors: Sequence[Gaussian]) -> Stage:
+    """Fit the accelerometers to the norms at rest.
+
+    Raises
+    ------
+    NotObserved
+        Coefficients that the attitudes leave open.
+    """
+    alone = Rests(rests.observations, rests.force, rests.bench)
+    p = len(rests.force.coefficients)
+    x = alone.start()
+    free = _free(alone, np.arange(p), beside=1)
+    # The noise is propagated at the nominal model first, then where that has led.
+    for _ in range(2):
+        x[free] = _fit(alone, free, x, Scatter(), priors).value
+    rows = alone.rows(x)
+    jacobian = rows.jacobian[:, :p]
+    dof = len(rows.residual) - int(np.linalg.matrix_rank(jacobian / rests.force.natural))
+
+    def whiten(v: float, columns: Array) -> Array:
+        return whitener(alone, rows, Scatter(force=v**0.5))(columns)
+
+    chi2 = chi_squared(rows.residual, jacobian, lambda a: whiten(0.0, a))
+    scatter = Scatter(force=excess(rows.residual, jacobian, whiten, dof, dof) ** 0.5)
+    estimate = _fit(alone, free, x, scatter, priors)
+    x[free] = estimate.value
+    groups = (_of_norms(rests, alone.rows(x), scatter, chi2, dof, scatter.force),)
+    whole = rests.start()
+    whole[:p], whole[-4] = x[:p], x[p]
+    return _stage(rests, estimate, whole, scatter, groups)
+
+
+def gyros(rests: Rests, first: Stage, priors: Sequence[Gaussian]) -> Stage:
+    """Fit the gyros to rates and rotations, with the accelerometers as `first` left them.
+
+    Raises
+    ------
+    NotObserved
+        Coefficients that the turns leave open.
+    """
+    assert rests.passages is not None
+    sensor, p = rests.sensor, len(rests.force.coefficients)
+    count = len(sensor.coefficients)
+    own = np.arange(p, count)
+    free = np.setdiff1d(_free(rests, own, beside=4), [count])
+    still = np.array([k for k in own.tolist() if not _turns(rests, k)], dtype=np.int64)
+    x = first.x.copy()
+    rows = rests.rows(x)
+    r, k = len(rows.norm.residual), len(rests.passages.rest)
+    # Attitudes along the run, and with them the earth's rate, need a bias first.
+    of_rest = slice(r + 2 * k, None)
+    x[still] += np.linalg.lstsq(rows.jacobian[of_rest, still], rows.residual[of_rest], rcond=None)[
+        0
+    ]
+    rows = rests.rows(x)
+    at_rest = np.concatenate([still, free[own.size :]])
+    residual, jacobian = rows.residual[of_rest], rows.jacobian[of_rest, at_rest]
+
+    def of_rates(v: float, columns: Array) -> Array:
+        noise = rests.rate_noise(Scatter(rate=v**0.5))
+        inverse = np.linalg.inv(np.linalg.cholesky(noise))
+        return (inverse @ columns.reshape(r, -1, columns.shape[1])).reshape(len(columns), -1)
+
+    dof = 3 * r - at_rest.size
+    chi2 = chi_squared(residual, jacobian, lambda a: of_rates(0.0, a))
+    scatter = first.scatter._replace(rate=excess(residual, jacobian, of_rates, dof, dof) ** 0.5)
+    least = chi_squared(residual, jacobian, lambda a: of_rates(scatter.rate**2, a))
+    judged = [(chi2, dof, scatter.rate)]
+
+    # Without its scatter yet, this fit need not go to the last digit.
+    x[free] = _fit(rests, free, x, scatter, priors, norms=False, most=_FEW).value
+    rows = rests.rows(x)
+    residual, jacobian = rows.residual[r:], rows.jacobian[r:, free]
+
+    def of_turns(v: float, columns: Array) -> Array:
+        whiten = whitener(rests, rows, scatter._replace(turn=v**0.5), norms=False)
+        return whiten(np.concatenate([np.zeros((r, columns.shape[1])), columns]))
+
+    dof = 2 * k - (own.size - still.size)
+    chi2 = chi_squared(residual, jacobian, lambda a: of_turns(0.0, a)) - least
+    more = excess(residual, jacobian, of_turns, least + dof, dof)
+    scatter = scatter._replace(turn=more**0.5)
+    judged.append((max(chi2, 0.0), dof, scatter.turn))
+    fit = _fit(rests, free, x, scatter, priors, norms=False)
+    x[free] = fit.value
+    rows = rests.rows(x)
+    groups = (
+        *first.groups,
+        _of_rates(rests, rows, scatter, *judged[0]),
+        _of_turns(rests, rows, scatter, *judged[1]),
+    )
+    whiten = whitener(rests, rows, scatter, norms=False)
+    estimate = _considered(rests, fit, first.estimate, whiten(rows.jacobian))
+    return _stage(rests, estimate, x, scatter, groups)
+
+
+def together(rests: Rests, last: Stage, priors: Sequence[Gaussian]) -> Stage:
+    """Fit everything to all rows at once, started from `last`."""
+    x = last.x.copy()
+    free = _free(rests, np.arange(len(rests.sensor.coefficients)), beside=4)
+    estimate = _fit(rests, free, x, last.scatter, priors)
+    x[free] = estimate.value
+    rows = rests.rows(x)
+    norms, rates, turns = last.groups
+    groups = (
+        _of_norms(rests, rows, last.scatter, norms.chi2, norms.dof, norms.excess),
+        _of_rates(rests, rows, last.scatter, rates.chi2, rates.dof, rates.excess),
+        _of_turns(rests, rows, last.scatter, turns.chi2, turns.dof, turns.excess),
+    )
+    return _stage(rests, estimate, x, last.scatter, groups)
+
+
+def _free(rests: Rests, coefficients: Places, beside: int) -> Places:
+    """Return the places in x that are fitted: coefficients, and what else is not exact."""
+    p = len(rests.sensor.coefficients)
+    loose = [p + k for k, known in enumerate(rests.beside[:beside]) if known.sd > _EXACT]
+    return np.concatenate([coefficients, np.array(loose, dtype=np.int64)])
+
+
+def _turns(rests: Rests, place: int) -> bool:
+    """Return whether a coefficient needs turns to be seen."""
+    line = rests.sensor.coefficient(rests.sensor.coefficients[place])
+    return line.basis.uses("wi", "wp", "wo")
+
+
+def _fit(
+    rests: Rests,
+    free: Places,
+    x: Array,
+    scatter: Scatter,
+    priors: Sequence[Gaussian],
+    *,
+    norms: bool = True,
+    most: int = 200,
+) -> Estimate:
+    """Return the least squares of some places of x, the others as they are."""
+    names: tuple[str, ...] = (*rests.sensor.coefficients, *BESIDE)
+    started = rests.rows(x)
+    whiten = whitener(rests, started, scatter, norms=norms)
+
+    def linearise(part: Array) -> tuple[Array, Array]:
+        moved = x.copy()
+        moved[free] = part
+        rows = rests.rows(moved, started.attitude)
+        both = whiten(np.column_stack([rows.residual, rows.jacobian[:, free]]))
+        return both[:, 0], both[:, 1:]
+
+    places: list[int] = free.tolist()
+    chosen = tuple(names[k] for k in places)
+    known = [marginal for prior in priors if (marginal := prior.marginal(chosen)) is not None]
+    known += [
+        Gaussian.independent((name,), quantity.value, quantity.sd)
+        for name, quantity in zip(BESIDE, rests.beside, strict=True)
+        if name in chosen
+    ]
+    return least_squares(
+        Problem(
+            names=chosen,
+            start=x[free],
+            linearise=linearise,
+            noise=np.ones(len(linearise(x[free])[0])),
+            scale=np.concatenate([rests.sensor.natural, [G0, 1.0, 1.0, 1.0]])[free],
+            priors=tuple(known),
+            wanted=tuple(name for name in chosen if name not in BESIDE),
+        ),
+        max_iterations=most,
+    )
+
+
+def _considered(rests: Rests, fit: Estimate, first: Estimate, jacobian: Array) -> Estimate:
+    """Return accelerometers and gyros as one estimate; `jacobian` is whitened, of all x."""
+    p, a = len(rests.sensor.coefficients), len(rests.force.coefficients)
+    with_g = list(first.names[a:])
+    others = [*range(a), *([p] if with_g else [])]
+    free = [*range(a, p), *(p + BESIDE.index(name) for name in fit.names[p - a :])]
+    gain = fit.covariance @ jacobian[:, free].T @ jacobian[:, others]
+    cross = gain @ first.covariance
+    # In the order accelerometers, g, gyros, earth; then gyros before g.
+    joined = np.block([[first.covariance, -cross.T], [-cross, fit.covariance + cross @ gain.T]])
+    order = [*range(a), *range(len(others), len(others) + p - a)]
+    order += [*range(a, len(others)), *range(len(others) + p - a, len(joined))]
+    covariance = joined[np.ix_(order, order)]
+    own, earth = fit.value[: p - a], fit.value[p - a :]
+    value = np.concatenate([first.value[:a], own, first.value[a:], earth])
+    singular = np.sort(np.concatenate([first.singular_values, fit.singular_values]))[::-1]
+    weakest = min((first, fit), key=lambda e: e.singular_values[-1]).weakest
+    return replace(
+        fit,
+        names=(*rests.sensor.coefficients, *with_g, *fit.names[p - a :]),
+        value=value,
+        covariance=covariance,
+        wanted=rests.sensor.coefficients,
+        rank=first.rank + fit.rank,
+        singular_values=singular,
+        null_directions=(*first.null_directions, *fit.null_directions),
+        weakest=weakest,
+        converged=first.converged & fit.converged,
+        iterations=first.iterations + fit.iterations,
+    )
+
+
+def _stage(
+    rests: Rests, estimate: Estimate, x: Array, scatter: Scatter, groups: tuple[Group, ...]
+) -> Stage:
+    """Return the stage, with the drift that all rests share in the biases' variances."""
+    covariance = estimate.covariance.copy()
+    for channel, variance in zip(rests.sensor.channels, rests.drift_of_mean, strict=False):
+        for name in (f"{channel}.k0", f"{channel}.bias"):
+            if name in estimate.names:
+                k = estimate.names.index(name)
+                covariance[k, k] += variance
+    judged = replace(
+        estimate,
+        covariance=covariance,
+        groups=groups,
+        chi2=np.array(sum(group.chi2 for group in groups)),
+        dof=sum(group.dof for group in groups),
+        residual=np.concatenate([group.residual.ravel() for group in groups]),
+        whitened=np.concatenate([(group.residual / group.sd).ravel() for group in groups]),
+        observations=(),
+    )
+    return Stage(judged, x, scatter, groups)
+
+
+def _of_norms(
+    rests: Rests, rows: Rows, scatter: Scatter, chi2: float, dof: int, added: float
+) -> Group:
+    to_reading = (rows.norm.up[:, None, :] @ rows.norm.by_reading)[:, 0]
+    noise = rests.noise[:, : rests.m, : rests.m] + scatter.force**2 * np.eye(rests.m)
+    variance = np.einsum("ra,rab,rb->r", to_reading, noise, to_reading)
+    labels = rests.observations.labels
+    residual = rows.norm.residual[:, None]
+    return Group("norms", "m/s²", labels, residual, np.sqrt(variance)[:, None], chi2, dof, added)
+
+
+def _of_rates(
+    rests: Rests, rows: Rows, scatter: Scatter, chi2: float, dof: int, added: float
+) -> Group:
+    labels = rests.observations.labels
+    residual = rows.residual[-3 * len(labels) :].reshape(len(labels), -1)
+    sd = np.sqrt(np.diagonal(rests.rate_noise(scatter), axis1=1, axis2=2))
+    return Group("rates", "rad/s", labels, residual, sd, chi2, dof, added)
+
+
+def _of_turns(
+    rests: Rests, rows: Rows, scatter: Scatter, chi2: float, dof: int, added: float
+) -> Group:
+    assert rests.passages is not None
+    assert rows.turns is not None
+    labels, before = rests.observations.labels, rests.passages.rest
+    names = tuple(f"{labels[k]}–{labels[k + 1]}" for k in before)
+    noise = rests.noise[:, : rests.m, : rests.m] + scatter.force**2 * np.eye(rests.m)
+    felt = np.broadcast_to(rows.norm.by_reading, (len(labels), 3, rests.m))
+    whole = rests.turn_noise(rows.turns, scatter)
+    for to_felt, rest in ((rows.turns.to_before, before), (rows.turns.to_after, before + 1)):
+        way = to_felt @ felt[rest]
+        whole = whole + way @ noise[rest] @ np.swapaxes(way, -1, -2)
+    sd = np.sqrt(np.diagonal(whole, axis1=1, axis2=2))
+    return Group("rotations", "rad", names, rows.turns.residual, sd, chi2, dof, added)

@@ -1,0 +1,63 @@
+"""The gyros' delay against the accelerometers, from the way between rests.
+
+Gravity's direction u, carried along by the rate, moves as u̇ = u × ω. If the gyros lag by τ, so
+does u, and the specific force runs ahead of g u by τ g u × ω. Each passage gives the τ that fits
+it best; what the hand's own acceleration does to that differs from passage to passage, so that
+their scatter is its uncertainty.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.errors import NotObserved
+from inercal.estimate import Estimate
+from inercal.methods._kernels import lag
+from inercal.methods.rotations import affine
+from inercal.observe import norm
+from inercal.recording import Observations
+from inercal.sensors import Sensor
+from inercal.units import Measured
+
+Array = NDArray[np.float64]
+_FEWEST = 5  # passages: of fewer, the scatter says too little
+
+
+def delay(
+    observations: Observations, sensor: Sensor, estimate: Estimate, gravity: float
+) -> Measured:
+    """Return how much later the gyros' samples are than the accelerometers', s.
+
+    The mean over passages, each with the weight of its own turning; its uncertainty from their
+    scatter (Cochran 1977, Sampling Techniques, 2.30, of a ratio).
+
+    Parameters
+    ----------
+    observations : Observations
+        Rests with the passages between them.
+    sensor : Sensor
+    estimate : Estimate
+        Of the sensor's coefficients.
+    gravity : float
+        m/s².
+
+    Raises
+    ------
+    NotObserved
+        Too few passages, or nothing turned.
+    """
+    way = observations.passages
+    if way is None or len(way.rest) < _FEWEST:
+        raise NotObserved(f"a time offset needs gyros and {_FEWEST} turns between rests")
+    force, c = sensor.only("f"), estimate.value[: len(sensor.coefficients)]
+    p, m = len(force.coefficients), len(force.axes)
+    up = norm(force, observations.mean[:, :m], c[:p], np.array(gravity)).up
+    model = affine(sensor, c)
+    along, square = lag(
+        way.time, way.output, way.left, way.reached, model.back, model.zero, up[way.rest], gravity
+    )
+    if not square.sum() > 0:
+        raise NotObserved("a time offset needs turns that move gravity in the body")
+    value = along.sum() / square.sum()
+    n = len(along)
+    left = along - value * square
+    return Measured(float(value), float(np.sqrt(n / (n - 1) * np.sum(left**2)) / square.sum()))

@@ -1,0 +1,207 @@
+"""Compiled: variances over a sliding window, in time that does not depend on the window's length.
+
+The variance of one window is (Σd² − (Σd)²/w)/w with d the reading less a reference. Sums slide by
+one sample in and one out; after each block of windows they are taken anew from a reference of the
+block's own, so that neither a large offset nor a shock long past costs digits. A window is counted
+by its first sample; a sample has the window of `window` samples that is centred on it, or, next to
+the ends of its segment, the one that just fits.
+
+The variances of a kind of axis are summed with weights, and only ever exist for one block.
+"""
+# Numba's decorator has no types.
+# pyright: reportUntypedFunctionDecorator=false
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+_BLOCK = 64  # windows at least that share a reference
+_SAME = 4.0  # a variance within this ratio of an earlier one has stayed
+
+
+@njit(cache=True, nogil=True)
+def _slide(
+    data: Array, columns: Indices, weight: Array, first: int, count: int, window: int, out: Array
+) -> None:
+    """Write the summed variances of the windows that begin at samples `first` + 0 … count − 1."""
+    out[:count] = 0.0
+    for c in range(columns.size):
+        j = columns[c]
+        reference = data[first, j]
+        total, square = 0.0, 0.0
+        for i in range(first, first + window):
+            d = data[i, j] - reference
+            total += d
+            square += d * d
+        each = weight[c] / window
+        out[0] += each * max(square - total * total / window, 0.0)
+        for k in range(1, count):
+            old = data[first + k - 1, j] - reference
+            new = data[first + k - 1 + window, j] - reference
+            total += new - old
+            square += new * new - old * old
+            out[k] += each * max(square - total * total / window, 0.0)
+
+
+@njit(cache=True, nogil=True)
+def variances(
+    data: Array, columns: Indices, weight: Array, segments: Indices, window: int
+) -> Array:
+    """Return the variance of each sample's window, (n,); of a short segment as a whole.
+
+    Parameters
+    ----------
+    data : (n, m) array
+        Output units.
+    columns, weight : (k,) arrays
+        The variances of these columns are summed with these weights.
+    segments : (s, 2) array of int
+        Samples start to stop, half open, between gaps; together all samples.
+    window : int
+        Samples.
+    """
+    out = np.empty(data.shape[0])
+    block = np.empty(max(window, _BLOCK))
+    for start, stop in segments:
+        fits = min(window, stop - start)
+        half, count = fits // 2, stop - start - fits + 1
+        for first in range(0, count, block.size):
+            size = min(block.size, count - first)
+            _slide(data, columns, weight, start + first, size, fits, block)
+            out[start + first + half : start + first + half + size] = block[:size]
+        out[start : start + half] = out[start + half]
+        out[start + half + count : stop] = out[start + half + count - 1]
+    return out
+
+
+@njit(cache=True, nogil=True)
+def extent(
+    data: Array, columns: Indices, weight: Array, segments: Indices, window: int
+) -> tuple[float, Array, Indices]:
+    """Return the largest variance, and each column's smallest step and number of steps.
+
+    Parameters are those of `variances`; steps are between neighbouring samples, and not zero.
+    """
+    top = 0.0
+    step, changes = np.full(columns.size, np.inf), np.zeros(columns.size, np.int64)
+    block = np.empty(max(window, _BLOCK))
+    for start, stop in segments:
+        for first in range(start, stop - window + 1, block.size):
+            size = min(block.size, stop - window + 1 - first)
+            _slide(data, columns, weight, first, size, window, block)
+            for k in range(size):
+                top = max(top, block[k])
+        for c in range(columns.size):
+            for i in range(start + 1, stop):
+                d = abs(data[i, columns[c]] - data[i - 1, columns[c]])
+                if d > 0.0:
+                    changes[c] += 1
+                    step[c] = min(step[c], d)
+    return top, step, changes
+
+
+@njit(cache=True, nogil=True)
+def histogram(
+    data: Array,
+    columns: Indices,
+    weight: Array,
+    segments: Indices,
+    window: int,
+    lowest: float,
+    top: float,
+    stay: int,
+    bins: int,
+) -> tuple[Indices, Indices]:
+    """Return how many windows have a variance in each bin, evenly spaced in its logarithm.
+
+    First without those that stay, then of all.
+
+    Parameters
+    ----------
+    data, columns, weight, segments, window
+        Of `variances`.
+    lowest, top : float
+        Edges of the first and the last bin; smaller variances count as `lowest`.
+    stay : int
+        Where the variance stays within a ratio of 4, only so many windows are counted at first.
+    bins : int
+    """
+    counts, every = np.zeros(bins, np.int64), np.zeros(bins, np.int64)
+    per_log = bins / np.log(top / lowest)
+    block = np.empty(max(window, _BLOCK))
+    for start, stop in segments:
+        anchor, stayed = 0.0, 0
+        for first in range(start, stop - window + 1, block.size):
+            size = min(block.size, stop - window + 1 - first)
+            _slide(data, columns, weight, first, size, window, block)
+            for k in range(size):
+                v = max(block[k], lowest)
+                if v > _SAME * anchor or v * _SAME < anchor:
+                    anchor, stayed = v, 0
+                stayed += 1
+                place = min(int(per_log * np.log(v / lowest)), bins - 1)
+                every[place] += 1
+                if stayed <= stay:
+                    counts[place] += 1
+    return counts, every
+
+
+@njit(cache=True, nogil=True)
+def runs(
+    data: Array,
+    columns: Indices,
+    weight: Array,
+    ends: Indices,
+    limit: Array,
+    segments: Indices,
+    window: int,
+    shortest: int,
+) -> Indices:
+    """Return the runs of samples at which every kind's variance is below its limit, (r, 2).
+
+    Parameters
+    ----------
+    data, columns, weight, segments, window
+        Of `variances`; the columns of one kind after those of the other.
+    ends : (kinds,) array of int
+        Where each kind's columns end in `columns`.
+    limit : (kinds,) array
+        Of the summed variance.
+    shortest : int
+        Samples; shorter runs are left out.
+    """
+    found, count = np.empty((64, 2), np.int64), 0
+    block = np.empty(max(window, _BLOCK))
+    quiet = np.empty(block.size, np.bool_)
+    half = window // 2
+    for start, stop in segments:
+        last = stop - window  # the first sample of the last window
+        begin = -1
+        for first in range(start, last + 1, block.size):
+            size = min(block.size, last + 1 - first)
+            quiet[:size] = True
+            c = 0
+            for kind in range(ends.size):
+                these = slice(c, ends[kind])
+                _slide(data, columns[these], weight[these], first, size, window, block)
+                for k in range(size):
+                    quiet[k] &= block[k] < limit[kind]
+                c = ends[kind]
+            for k in range(size):
+                if quiet[k] and begin < 0:
+                    begin = start if first + k == start else first + k + half
+                at_end = first + k == last
+                if begin >= 0 and (at_end or not quiet[k]):
+                    end = stop if at_end and quiet[k] else first + k + half
+                    if end - begin >= shortest:
+                        if count == len(found):
+                            grown = np.empty((2 * count, 2), np.int64)
+                            grown[:count] = found
+                            found = grown
+                        found[count] = begin, end
+                        count += 1
+                    begin = -1
+    return found[:count]

@@ -1,0 +1,59 @@
+"""From rest to rest: the samples that carry the attitude of one hold to that of the next.
+
+A hand at rest trembles, and a rest is known by its mean attitude. The rotation between two mean
+attitudes is the rate integrated with a weight that rises from 0 to 1 across the rest before, stays
+1 on the way and falls to 0 across the rest after: to first order in the wobble, the mean over a
+rest of what is left to turn. Of long rests only the part next to the way is weighed, since there
+the gyro's noise would outgrow the wobble.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from inercal.recording import Mark, Passages, Recording
+from inercal.segments.attitudes import flaws, touches
+from inercal.sensors import Sensor
+
+# s of a rest that are weighed: a hand's sway; longer costs more in noise than it takes away.
+WOBBLE = 1.0
+
+
+def between_rests(recording: Recording, sensor: Sensor, marks: Sequence[Mark]) -> Passages:
+    """Return the passages between marks that follow one another in time.
+
+    Those with a gap, or with saturated or stuck gyros, are left out.
+
+    Parameters
+    ----------
+    recording : Recording
+        Without a trial axis.
+    sensor : Sensor
+        Its axes name the channels.
+    marks : sequence of Mark
+        Rests in the order of time.
+    """
+    columns = [recording.channels.index(name) for name in sensor.channels]
+    in_place = columns == list(range(len(recording.channels)))
+    weighed = max(round(WOBBLE * recording.rate_hz), 1)
+    length = np.array([min(mark.stop - mark.start, weighed) for mark in marks])
+    begin, end = np.array([(mark.start, mark.stop) for mark in marks]).T
+    start, left = end[:-1] - length[:-1], end[:-1] - 1
+    reached, stop = begin[1:], begin[1:] + length[1:] - 1
+    # The number of the last gap before a sample tells whether one lies between two samples.
+    last_gap = np.searchsorted(recording.gaps[:, 0], np.stack([start, stop]))
+    whole_way = last_gap[0] == last_gap[1]
+    spoilt = [
+        any(touches(flaw, a, b + 1) for flaw in flaws(recording, sensor.only("w")))
+        for a, b in zip(start.tolist(), stop.tolist(), strict=True)
+    ]
+    kept = np.flatnonzero(whole_way & ~np.array(spoilt, dtype=np.bool_))
+    return Passages(
+        time=recording.time,
+        output=recording.data if in_place else recording.data[:, columns],
+        rest=kept,
+        start=start[kept],
+        left=left[kept],
+        reached=reached[kept],
+        stop=stop[kept],
+    )

@@ -1,0 +1,103 @@
+"""Two public hand-held recordings against what others found in them.
+
+Xsens MTi: imu_tk (Tedaldi, Pretto, Menegatti 2014) built and run on the same files; its model is
+a = T K (raw − b) with T upper triangular. MPU-9150: Mikov, Reginya, Moschevikin, ICINS 2020.
+"""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from inercal import calibrate
+from inercal.pipeline import Outcome
+
+Array = NDArray[np.float64]
+ROOT = Path(__file__).parents[2]
+GRAVITY = 9.81744
+INVERSE_SCALES = {"a": (414.459, 412.010, 414.649), "g": (4777.96, 4764.21, 4773.66)}
+OFFSETS = (33124.1826, 33275.1794, 32364.4156)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory, data_dir: Path) -> Path:
+    """Return a copy of the run files that names the data where they are."""
+    copy = tmp_path_factory.mktemp("hand_held")
+    for name in ("xsens.toml", "mpu9150.toml"):
+        shutil.copy(ROOT / "examples" / "hand_held" / name, copy)
+        text = (copy / name).read_text(encoding="utf-8")
+        (copy / name).write_text(text.replace("../../../shared/data", str(data_dir)), "utf-8")
+    return copy
+
+
+@pytest.fixture(scope="module")
+def xsens(folder: Path) -> Outcome:
+    return calibrate(folder / "xsens.toml")
+
+
+def upper(forward: Array) -> Array:
+    """Return a forward matrix in imu_tk's frame: K⁻¹ T⁻¹, upper triangular, by a rotation."""
+    flipped = forward[::-1, ::-1]
+    _, r = np.linalg.qr(flipped.T)
+    signs = np.sign(np.diag(r))
+    return (r.T * signs)[::-1, ::-1]
+
+
+def forward(outcome: Outcome, kind: str) -> Array:
+    """Return the forward matrix of one triad, counts per SI unit, in inercal's frame."""
+    found, scale = outcome.calibration, {"a": 415.0, "g": 4770.0}[kind]
+    diagonal = "k1" if kind == "a" else "scale"
+    matrix = np.eye(3)
+    values = dict(zip(found.sensor.coefficients, found.values, strict=True))
+    for k, axis in enumerate("xyz"):
+        p, o = (k + 1) % 3, (k + 2) % 3
+        matrix[k, k] += values[f"{kind}{axis}.{diagonal}"]
+        matrix[k, p] = values.get(f"{kind}{axis}.delta_o", 0.0)
+        matrix[k, o] = -values.get(f"{kind}{axis}.delta_p", 0.0)
+    return scale * matrix
+
+
+def test_xsens_accelerometers_agree_with_imu_tk(xsens: Outcome):
+    scales = np.diag(upper(forward(xsens, "a")))
+    np.testing.assert_allclose(scales, INVERSE_SCALES["a"], rtol=1e-3)
+    _, offset = xsens.calibration.linear()
+    np.testing.assert_allclose(offset[:3], OFFSETS, rtol=0, atol=3)
+
+
+def test_xsens_gyros_agree_with_imu_tk(xsens: Outcome):
+    scales = np.diag(forward(xsens, "g"))
+    np.testing.assert_allclose(scales, INVERSE_SCALES["g"], rtol=3e-3)
+
+
+def test_xsens_norms_are_gravity_over_rests_and_samples(xsens: Outcome):
+    assert len(xsens.marks) >= 36
+    assert xsens.recording is not None
+    felt = xsens.calibration.correct(xsens.recording).f
+    off = np.linalg.norm(felt, axis=1) - GRAVITY
+    each = np.concatenate([off[mark.start : mark.stop] for mark in xsens.marks])
+    means = [felt[m.start : m.stop].mean(axis=0) for m in xsens.marks]
+    assert np.sqrt(np.mean((np.linalg.norm(means, axis=1) - GRAVITY) ** 2)) <= 1.2e-3
+    assert np.sqrt(np.mean(each**2)) <= 8.3e-3
+
+
+def test_xsens_sensitivity_to_acceleration_explains_its_gyros(folder: Path):
+    run_file = folder / "xsens_g.toml"
+    text = (folder / "xsens.toml").read_text(encoding="utf-8")
+    run_file.write_text(text + 'also = ["g"]\n', encoding="utf-8")
+    found = {group.name: group for group in calibrate(run_file).estimate.groups}
+    assert found["rotations"].p_value > 0.05
+    assert found["rates"].excess < 3e-4
+
+
+def test_xsens_result_asks_for_the_sensitivity_to_acceleration(xsens: Outcome):
+    assert any('also = ["g"]' in line for line in xsens.verdict)
+
+
+def test_mpu9150_accelerometers_agree_with_the_published(folder: Path):
+    outcome = calibrate(folder / "mpu9150.toml")
+    scales = np.diag(upper(forward(outcome, "a"))) / 415
+    np.testing.assert_allclose(scales, [1.00363, 1.00315, 1.00647], rtol=3e-4)
+    _, offset = outcome.calibration.linear()
+    np.testing.assert_allclose(offset[:3], [0.103, 0.097, 0.344], rtol=0, atol=0.006)
