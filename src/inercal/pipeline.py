@@ -30,6 +30,7 @@ from inercal.recording import Finding, Mark, Observations, Recording
 from inercal.runfile import Run, read
 from inercal.runfile.build import si_value
 from inercal.segments import (
+    Rests,
     as_found,
     between_rests,
     check_against_plan,
@@ -68,6 +69,8 @@ class Outcome:
         The audit's, and what the checks against the plan noticed.
     verdict : tuple of str
         In plain words; the first line is the summary.
+    rests : Rests or None
+        How rests were found, where they were found without a plan.
     """
 
     calibration: Calibration
@@ -79,6 +82,7 @@ class Outcome:
     marks: tuple[Mark, ...]
     findings: tuple[Finding, ...]
     verdict: tuple[str, ...]
+    rests: Rests | None = None
 
 
 def calibrate(run: Run | str | Path) -> Outcome:
@@ -91,6 +95,7 @@ def calibrate(run: Run | str | Path) -> Outcome:
     """
     run = run if isinstance(run, Run) else read(run)
     sensor = run.sensor
+    rests = None
     if run.data.kind == "means":
         recording, marks, findings = None, (), ()
         if run.method.free and sensor.only("w").axes:
@@ -107,8 +112,11 @@ def calibrate(run: Run | str | Path) -> Outcome:
         )
     else:
         recording = load_recording(run)
-        reduce = _free_rests if run.method.free else _planned_sections
-        marks, observations, findings = reduce(run, recording)
+        if run.method.free:
+            rests = find_rests(recording, sensor) if run.data.marks == "found" else None
+            marks, observations, findings = _free_rests(run, recording, rests)
+        else:
+            marks, observations, findings = _planned_sections(run, recording)
     if run.method.free:
         steps: tuple[Step, ...] = held(observations, sensor)
     else:
@@ -141,7 +149,16 @@ def calibrate(run: Run | str | Path) -> Outcome:
         "triangular" if run.method.free else "mount",
     )
     return Outcome(
-        calibration, estimate, observations, steps, run.bench, recording, marks, findings, lines
+        calibration,
+        estimate,
+        observations,
+        steps,
+        run.bench,
+        recording,
+        marks,
+        findings,
+        lines,
+        rests,
     )
 
 
@@ -170,12 +187,11 @@ def _planned(run: Run, observations: Observations) -> tuple[Step, ...]:
 
 
 def _free_rests(
-    run: Run, recording: Recording
+    run: Run, recording: Recording, rests: Rests | None
 ) -> tuple[tuple[Mark, ...], Observations, tuple[Finding, ...]]:
     """Return rests in any attitude and the ways between them: marks, means, what was noticed."""
     findings = recording.findings
-    if run.data.marks == "found":
-        rests = find_rests(recording, run.sensor)
+    if rests is not None:
         marks, findings = rests.marks, (*findings, rests.finding)
     else:
         marks = _stated_marks(run, recording)

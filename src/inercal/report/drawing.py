@@ -21,7 +21,7 @@ INK, MUTED, FAINT, BAND = "#010a01", "#010a02", "#010a03", "#010a04"
 X, Y, Z = "#010a05", "#010a06", "#010a07"
 WARN, PLUS, MINUS, PAPER = "#010a08", "#010a09", "#010a0a", "#010a0b"
 AXES = (X, Y, Z)
-_NAMES = 45  # under an axis, at most
+_NAMES = 20  # under an axis, at most: more cannot be read
 SHAPES = ("o", "s", "^")  # for those who do not see the colours, and for black and white prints
 _VARIABLES = {
     INK: "ink", MUTED: "muted", FAINT: "faint", BAND: "band", X: "x", Y: "y", Z: "z",

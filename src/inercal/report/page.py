@@ -14,7 +14,7 @@ from inercal.plan import Hold
 from inercal.report import tables
 from inercal.report.figures import correlations, departures, residuals
 from inercal.report.sphere import Attitude, attitudes, missing_faces, sphere
-from inercal.report.traces import traces
+from inercal.report.traces import scatters, traces
 
 _DOUBTFUL = 2.0  # Birge ratio: more than this, and the stated noise or model is not to be believed
 
@@ -80,6 +80,10 @@ def page(outcome: Outcome, truth: Mapping[str, float] | None) -> str:
         sections=sections(outcome, found),
         missing=missing_faces(found),
         turned=any(not isinstance(step, Hold) for step in outcome.steps),
+        free=bool(estimate.groups),
+        quiet=None
+        if recording is None or outcome.rests is None
+        else scatters(recording, outcome.calibration.sensor, outcome.rests),
         traces=None if recording is None else traces(outcome, recording),
         correlations=correlations(estimate) if len(chosen) > 1 else None,
         strongest=tables.strongest(estimate),

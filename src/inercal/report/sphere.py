@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 FACES = tuple(tuple(sign * row) for row in np.eye(3) for sign in (1.0, -1.0))
 _ON_FACE = cos(25 * pi / 180)  # a hold within 25° covers the face
 _FACE = cos(10 * pi / 180)  # a nominal attitude further from every face was not one
+_NAMED = 14  # attitudes; the names of more would cover one another
 _RING = 17 * pi / 180  # angular radius of the arrow that stands for a turn
 _VIEW = np.array([1.0, 0.78, 0.66]) / np.linalg.norm([1.0, 0.78, 0.66])
 
@@ -100,8 +101,9 @@ def sphere(found: list[Attitude], side: int) -> Markup:
             continue
         if isinstance(attitude.step, Hold):
             axes.plot(x, y, "o", ms=6, mfc=Z, mec=PAPER, mew=0.6)
-            axes.annotate(attitude.step.label, (x, y), (0, 7), textcoords="offset points",
-                          ha="center", color=INK)  # fmt: skip
+            if len(found) <= _NAMED:
+                axes.annotate(attitude.step.label, (x, y), (0, 7), textcoords="offset points",
+                              ha="center", color=INK)  # fmt: skip
         else:
             _turn(axes, attitude, attitude.step.angle, screen)
     axes.set(xlim=(-1.12, 1.12), ylim=(-1.12, 1.12), aspect="equal")

@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 from inercal.pipeline import Outcome
 from inercal.recording import Mark, Recording
 from inercal.report import drawing
-from inercal.report.drawing import AXES, BAND, FAINT, MUTED, WARN, svg
+from inercal.report.drawing import AXES, BAND, FAINT, INK, MUTED, WARN, svg
 from inercal.report.figures import KINDS
+from inercal.segments import Rests, scatter
+from inercal.sensors import Sensor
 
 Array = NDArray[np.float64]
 POINTS = 2400  # of each channel, at most
@@ -119,3 +121,28 @@ def _name(axes: Axes, outcome: Outcome, recording: Recording) -> None:
     low, high = axes.get_ylim()
     room = 0.12 if not upright else 0.06 + 0.045 * longest
     axes.set_ylim(low, high + room * (high - low))
+
+
+@drawing.style
+def scatters(recording: Recording, sensor: Sensor, rests: Rests) -> Markup:
+    """Return what rests were found by: the scatter over time, with the thresholds that it met."""
+    figure = Figure(figsize=(9.0, 0.8 + 1.5 * len(rests.levels)), layout="constrained")
+    rows = figure.subplots(len(rests.levels), 1, squeeze=False, sharex=True)[:, 0]
+    stretch = -(-recording.time.size // POINTS)
+    starts = np.arange(0, recording.time.size, stretch)
+    time = recording.time[starts] - recording.time[0]
+    spans = [(mark.start, mark.stop) for mark in rests.marks]
+    for axes, level in zip(rows, rests.levels, strict=True):
+        values = scatter(recording, sensor, level.kind)
+        axes.plot(time, np.maximum.reduceat(values, starts), color=INK, lw=0.7)
+        if np.isfinite(level.threshold):
+            axes.axhline(level.threshold, color=WARN, lw=0.8)
+        axes.set_yscale("log")
+        axes.yaxis.set_major_formatter("{x:g}")
+        axes.yaxis.set_minor_formatter("")
+        axes.set_ylabel(f"{KINDS[level.kind][0].lower()}, {level.unit}")
+        axes.broken_barh(_ranges(spans, recording), (0, 1), fc=BAND, ec=FAINT, lw=0.5, zorder=0,
+                         transform=axes.get_xaxis_transform())  # fmt: skip
+        axes.margins(x=0.01)
+    rows[-1].set_xlabel("time from the first sample, s")
+    return svg(figure, "scatters", "Scatter over half a second, with the thresholds of rest")
