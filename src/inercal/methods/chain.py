@@ -42,7 +42,7 @@ def whitener(rests: Rests, rows: Rows, scatter: Scatter, *, norms: bool = True) 
     back = np.broadcast_to(rows.norm.by_reading, (r, 3, rests.m))
     place = np.zeros(0, dtype=np.int64)
     if norms:
-        to_reading[:, 2] = (rows.norm.up[:, None, :] @ back)[:, 0]
+        to_reading[:, 2] = -(rows.norm.up[:, None, :] @ back)[:, 0]
         place = 3 * np.arange(r) + 2
     if turns is not None and rests.passages is not None:
         before = rests.passages.rest

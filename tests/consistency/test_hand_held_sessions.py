@@ -1,0 +1,89 @@
+"""Whether multi_position errs by as much as it says, on sessions made by another route.
+
+Every band is four standard deviations of what is averaged.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from tests.accuracy.generator import DEGREE, mems
+from tests.accuracy.handheld import Session, record, triangular
+
+from inercal.benches import Hand
+from inercal.methods import METHODS
+from inercal.recording import Mark, Recording
+from inercal.segments import as_found, between_rests, held, observe
+from inercal.sensors import imu
+from inercal.units import Measured
+
+Array = NDArray[np.float64]
+METHOD = METHODS["multi_position"]
+STILL = Session(latitude=47 * DEGREE, gravity_sd=2e-4)
+TRIMMED = 20  # samples at either end of a true rest
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """Errors (trials, p), covariances (trials, p, p), and which sessions χ² found fault with."""
+
+    error: Array
+    covariance: Array
+    flagged: NDArray[np.bool_]
+
+    @property
+    def nees(self) -> Array:
+        weighed = np.linalg.solve(self.covariance, self.error[..., None])[..., 0]
+        return (self.error * weighed).sum(-1) / self.error.shape[1]
+
+
+def judge(seed: int, session: Session, estimator: str, trials: int) -> Judged:
+    rng = np.random.default_rng([seed, 2_026])
+    device = mems(rng)
+    sensor = METHOD.prepare(imu(), also=("g",))
+    named = triangular(device).coefficients()
+    truth = np.array([named[name] for name in sensor.coefficients])
+    bench = Hand(Measured(session.gravity, session.gravity_sd), session.latitude)
+    units = ("m/s²",) * 3 + ("rad/s",) * 3
+    made = record(device, session, rng, trials=trials)
+    marks = [Mark(f"r{k:02d}", a + TRIMMED, b - TRIMMED) for k, (a, b) in enumerate(made.rests)]
+    errors: list[Array] = []
+    covariances: list[Array] = []
+    flagged: list[bool] = []
+    for data in made.data:
+        recording = Recording(made.time, data, sensor.channels, units)
+        seen = observe(recording, sensor, marks, as_found(marks))
+        seen = replace(seen, passages=between_rests(recording, sensor, marks))
+        found = METHOD.estimator(estimator)(seen, sensor, bench, held(seen, sensor))
+        errors.append(found.value[: truth.size] - truth)
+        covariances.append(found.covariance[: truth.size, : truth.size])
+        flagged.append(not found.consistent)
+    return Judged(np.array(errors), np.array(covariances), np.array(flagged))
+
+
+def assert_consistent(judged: Judged) -> None:
+    trials, p = judged.error.shape
+    print(f"NEES {judged.nees.mean():.3f}, band {4 * np.sqrt(2 / (p * trials)):.3f}")
+    assert judged.nees.mean() == pytest.approx(1, abs=4 * np.sqrt(2 / (p * trials)))
+
+
+@pytest.mark.parametrize("estimator", ["joint", "sequential"])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_forty_sessions_err_as_stated(seed: int, estimator: str):
+    assert_consistent(judge(seed, STILL, estimator, 40))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("estimator", ["joint", "sequential"])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_three_hundred_sessions_err_as_stated(seed: int, estimator: str):
+    judged = judge(seed, STILL, estimator, 300)
+    assert_consistent(judged)
+    standard_errors = judged.error.mean(axis=0) / (judged.error.std(axis=0, ddof=1) / 300**0.5)
+    assert np.abs(standard_errors).max() < 4
+
+
+def test_a_drift_that_the_model_does_not_know_is_said_by_chi_squared():
+    drifting = replace(STILL, drift_a=0.02, drift_g=0.005)
+    assert judge(1, drifting, "joint", 10).flagged.all()

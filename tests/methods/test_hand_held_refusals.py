@@ -1,0 +1,74 @@
+"""What rests and turns in the hand leave open is refused by name, with what to add."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from tests.accuracy.generator import mems
+from tests.accuracy.handheld import Session, about_one_axis, directions, planar, record
+
+from inercal.benches import Hand
+from inercal.errors import NotObserved
+from inercal.estimate import Estimate
+from inercal.methods import METHODS
+from inercal.recording import Mark, Recording
+from inercal.segments import as_found, between_rests, held, observe
+from inercal.sensors import imu
+from inercal.units import Measured
+
+Array = NDArray[np.float64]
+METHOD = METHODS["multi_position"]
+
+
+def calibrated(ups: Array, also: Sequence[str] = (), **session: float) -> Estimate:
+    rng = np.random.default_rng(5)
+    made = record(mems(rng), Session(**session), rng, ups=ups)  # type: ignore[arg-type]
+    sensor = METHOD.prepare(imu(), also=also)
+    units = ("m/s²",) * 3 + ("rad/s",) * 3
+    recording = Recording(made.time, made.data[0], sensor.channels, units)
+    marks = [Mark(f"r{k:02d}", a + 10, b - 10) for k, (a, b) in enumerate(made.rests)]
+    seen = observe(recording, sensor, marks, as_found(marks))
+    seen = replace(seen, passages=between_rests(recording, sensor, marks))
+    bench = Hand(Measured(9.81, 1e-3))
+    return METHOD.estimator("")(seen, sensor, bench, held(seen, sensor))
+
+
+def test_eight_rests_are_too_few_for_nine_coefficients():
+    with pytest.raises(NotObserved, match="8 rests for 9 coefficients") as refusal:
+        calibrated(directions(8, np.random.default_rng(0)))
+    assert "; add: hold " in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("normal", "named"), [((0, 0, 1), "az.k1"), ((1, 1, 1), "az.delta_o"), ((1, -2, 0), "ay.k1")]
+)
+def test_twenty_rests_in_one_plane_are_refused(normal: tuple[float, ...], named: str):
+    across = np.array(normal) / np.linalg.norm(normal)
+    with pytest.raises(NotObserved, match="all lie in one plane") as refusal:
+        calibrated(planar(20, across, 1.0, np.random.default_rng(0)))
+    assert named in str(refusal.value).partition("(free directions")[0]
+    assert "; add: hold " in str(refusal.value)
+
+
+def test_attitudes_added_to_a_plane_as_advised_are_accepted():
+    plane = planar(20, np.array([0.0, 0.0, 1.0]), 1.0, np.random.default_rng(0))
+    added = np.array([[0, 0, 1], [-1, 0, -1], [1, 0, -1], [0, 1, 1]]) / 1.0
+    added /= np.linalg.norm(added, axis=1, keepdims=True)
+    assert calibrated(np.concatenate([plane, added])).converged
+
+
+def test_gyros_turned_about_one_axis_are_refused_by_name():
+    ups = about_one_axis(20, np.array([1.0, 0.0, 0.0]), np.random.default_rng(0))
+    with pytest.raises(NotObserved) as refusal:
+        calibrated(ups, yaw_deg=0.0)
+    named = str(refusal.value).partition("(free directions")[0]
+    assert {"gy.scale", "gz.scale", "ax.k0", "ax.k1"} <= set(named.replace(",", " ").split())
+    assert "none has +x, −x up within 45°" in str(refusal.value)
+
+
+def test_a_hemisphere_is_accepted_and_what_would_make_it_better_is_said():
+    ups = directions(40, np.random.default_rng(0))
+    found = calibrated(ups[ups[:, 2] > 0.1], also=("g",))
+    assert any("is known poorly: hold −z up" in note for note in found.notes)

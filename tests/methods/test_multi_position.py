@@ -1,0 +1,344 @@
+"""`multi_position`: its rows and kernels against dense ones, its refusals, what it also finds.
+
+Sessions are made by `tests.accuracy.handheld`, which imports nothing of inercal.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import ArrayLike, NDArray
+from tests.accuracy.generator import DEGREE, Imu, mems
+from tests.accuracy.handheld import (
+    Handheld,
+    Session,
+    about_one_axis,
+    directions,
+    planar,
+    record,
+    triangular,
+)
+
+from inercal.benches import Hand
+from inercal.errors import NotObserved
+from inercal.methods._kernels import carry
+from inercal.methods.chain import whitener
+from inercal.methods.multi_position import METHOD, joint, sequential
+from inercal.methods.rests import Rests, Scatter
+from inercal.methods.rotations import affine
+from inercal.methods.timing import delay
+from inercal.recording import Mark, Observations, Passages, Recording
+from inercal.segments.average import observe
+from inercal.segments.passages import between_rests
+from inercal.sensors import Sensor, imu
+from inercal.units import Measured
+
+Array = NDArray[np.float64]
+SESSION = Session(latitude=47 * DEGREE, gravity_sd=2e-4)
+BENCH = Hand(Measured(SESSION.gravity, SESSION.gravity_sd), SESSION.latitude)
+INSIDE = 10  # samples of a rest that are left out at either end
+
+
+def whole(*also: str) -> Sensor:
+    return METHOD.prepare(imu(), also=also)
+
+
+def observed(made: Handheld, sensor: Sensor) -> Observations:
+    """Return the first trial's rests and, where there are gyros, the passages between them."""
+    marks = [Mark(f"r{k:02d}", a + INSIDE, b - INSIDE) for k, (a, b) in enumerate(made.rests)]
+    steps = METHOD.plan(positions=max(len(marks), 9))
+    steps = [replace(step, label=mark.label) for step, mark in zip(steps, marks, strict=False)]
+    m = len(sensor.axes)
+    output = np.ascontiguousarray(made.data[0, :, :m])
+    recording = Recording(made.time, output, sensor.channels, ("SI",) * m)
+    seen = observe(recording, sensor, marks, steps)
+    return replace(seen, passages=between_rests(recording, sensor, marks)) if m == 6 else seen
+
+
+def truth(device: Imu, sensor: Sensor, **more: float) -> Array:
+    named = triangular(device).coefficients() | more
+    return np.array([named[name] for name in sensor.coefficients])
+
+
+def session(positions: int = 12, seed: int = 80) -> tuple[Rests, Array]:
+    """Return rests whose passages lack the fifth, and x near the truth but at random."""
+    rng = np.random.default_rng(seed)
+    device, sensor = mems(rng), whole("g")
+    seen = observed(record(device, replace(SESSION, positions=positions), rng), sensor)
+    way = seen.passages
+    assert way is not None
+    kept = np.delete(np.arange(positions - 1), 4)
+    way = replace(
+        way,
+        rest=way.rest[kept],
+        start=way.start[kept],
+        left=way.left[kept],
+        reached=way.reached[kept],
+        stop=way.stop[kept],
+    )
+    rests = Rests(replace(seen, passages=way), sensor, BENCH)
+    x = rests.start()
+    p = len(sensor.coefficients)
+    x[:p] = truth(device, sensor) + 1e-3 * sensor.natural * rng.standard_normal(p)
+    x[p:] += [1e-3, 3e-5, -2e-5, 1e-5]
+    return rests, x
+
+
+def moved_reading(rests: Rests, rest: int, axis: int, by: float) -> Rests:
+    mean = rests.observations.mean.copy()
+    mean[rest, axis] += by
+    moved = replace(rests, observations=replace(rests.observations, mean=mean))
+    moved.__dict__["across"] = rests.across  # the two directions in which ρ is told stay
+    return moved
+
+
+@pytest.mark.parametrize("norms", [True, False])
+@pytest.mark.parametrize("scatter", [Scatter(), Scatter(2e-3, 3e-4, 1e-3)])
+def test_the_band_whitens_the_dense_covariance_of_all_rows(norms: bool, scatter: Scatter):
+    rests, x = session()
+    rows = rests.rows(x)
+    turns = rows.turns
+    assert turns is not None
+    r, m, k = len(rows.norm.residual), 3, len(turns.residual)
+    chained = r + 2 * k
+    # How an error of each accelerometer reading moves norms and rotations, by differences.
+    J = np.zeros((chained, r * m))
+    for column in range(r * m):
+        ends = [
+            moved_reading(rests, column // m, column % m, by).rows(x, rows.attitude).residual
+            for by in (1e-4, -1e-4)
+        ]
+        J[:, column] = ((ends[0] - ends[1]) / 2e-4)[:chained]
+    readings = np.zeros((r * m, r * m))
+    C = np.zeros((chained + 3 * r,) * 2)
+    for i, noise in enumerate(rests.noise):
+        of = slice(m * i, m * i + m)
+        readings[of, of] = noise[:3, :3] + scatter.force**2 * np.eye(3)
+        of = slice(chained + 3 * i, chained + 3 * i + 3)
+        C[of, of] = noise[3:, 3:] + scatter.rate**2 * np.eye(3)
+    C[:chained, :chained] = J @ readings @ J.T
+    for i in range(k):
+        of = slice(r + 2 * i, r + 2 * i + 2)
+        bias = turns.to_bias[i]
+        C[of, of] += turns.noise[i] + scatter.rate**2 * bias @ bias.T
+        C[of, of] += scatter.turn**2 * np.eye(2)
+    whiten = whitener(rests, rows, scatter, norms=norms)
+    if not norms:
+        C = C[r:, r:]
+        W = whiten(np.eye(chained + 3 * r))[:, r:]
+    else:
+        W = whiten(np.eye(len(C)))
+    np.testing.assert_allclose(W @ C @ W.T, np.eye(len(C)), rtol=0, atol=1e-4)
+
+
+def test_rotations_of_neighbouring_passages_are_correlated():
+    """Else the oracle above would say little."""
+    rests, x = session()
+    rows = rests.rows(x)
+    whiten = whitener(rests, rows, Scatter(2e-3), norms=False)
+    r, k = len(rows.norm.residual), len(rests.observations.labels) - 2
+    W = whiten(np.eye(len(rows.residual)))[: 2 * k, r : r + 2 * k]
+    C = np.linalg.inv(W.T @ W)
+    sd = np.sqrt(np.diag(C))
+    correlation = np.abs(C / np.outer(sd, sd))
+    assert correlation[0:2, 2:4].max() > 0.3
+    # The fifth passage is missing: what lies before and after it has no reading in common.
+    assert correlation[6:8, 8:10].max() < 1e-12
+
+
+def test_derivatives_of_all_rows_are_those_by_differences():
+    rests, x = session()
+    rows = rests.rows(x)
+    size = np.concatenate([rests.sensor.natural, [10.0, 1.0, 1.0, 1.0]])
+    columns: list[Array] = []
+    for step in np.diag(1e-5 * size):
+        ahead, behind = (rests.rows(x + s * step, rows.attitude).residual for s in (1, -1))
+        columns.append((behind - ahead) / 2e-5)  # the prediction runs ahead: minus the residual's
+    expected, found = np.stack(columns, axis=1), rows.jacobian * size
+    off = np.linalg.norm(found - expected, axis=0) / np.linalg.norm(expected, axis=0)
+    assert off.max() < 1e-3, dict(zip(rests.sensor.coefficients, off.tolist(), strict=False))
+
+
+def turned(v: Array) -> Array:
+    """Return the matrix exponential of [v×], by Rodrigues."""
+    angle = float(np.linalg.norm(v))
+    cross = np.cross(np.eye(3), v / angle).T if angle else np.zeros((3, 3))
+    # Rows of np.cross(1, v) are e × v, so that its transpose has columns −(v × e).
+    return np.eye(3) - np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+
+
+def dense_carry(way: Passages, i: int, back: Array, zero: Array, white: Array):
+    """Return rotation, sensitivity and noise of a passage by products of all its steps."""
+    span = np.arange(way.start[i], way.stop[i] + 1)
+    felt = np.column_stack([way.output[span] @ back.T + zero, np.ones(len(span))])
+    # The weight of a step: up from the first of the rest before, down to the last of that after.
+    rise = (span - way.start[i]) / (way.left[i] - way.start[i] + 1)
+    fall = (way.stop[i] + 1 - span) / (way.stop[i] - way.reached[i] + 1)
+    dt = np.diff(way.time[span]) * np.minimum(np.minimum(rise, fall), 1.0)[1:]
+    middle = 0.5 * (felt[1:] + felt[:-1])
+    w = felt[:, 3:6]
+    step = middle[:, 3:6] * dt[:, None] + dt[:, None] ** 2 / 12 * np.cross(w[:-1], w[1:])
+    after = [np.eye(3)]  # what turns the frame after a step to the last, from the end on
+    for phi in step[::-1]:
+        after.append(after[-1] @ turned(-phi))
+    after.reverse()
+    C = np.array(after)
+    ends = 0.5 * (C[1:] + C[:-1])
+    sensitivity = np.einsum("nab,nq,n->abq", ends, middle, dt)
+    noise = np.einsum("nab,bc,ndc,n->ad", C[1:], white, C[1:], dt**2)
+    return C[0], sensitivity, noise
+
+
+def test_what_is_carried_along_is_the_product_of_all_steps():
+    rests, x = session()
+    way = rests.passages
+    assert way is not None
+    model = affine(rests.sensor, x[: len(rests.sensor.coefficients)])
+    white = 1e-6 * np.array([[2.0, 0.3, -0.2], [0.3, 1.0, 0.1], [-0.2, 0.1, 3.0]])
+    found = carry(
+        way.time, way.output, way.start, way.left, way.reached, way.stop,
+        model.back, model.zero, white,
+    )  # fmt: skip
+    for i in range(len(way.rest)):
+        expected = dense_carry(way, i, model.back, model.zero, white)
+        for one, other in zip(found, expected, strict=True):
+            np.testing.assert_allclose(one[i], other, rtol=0, atol=1e-10 * np.abs(other).max())
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_a_turn_of_known_rate_is_carried_as_that_turn(axis: int):
+    rate, dt, n = 1.5, 0.01, 101
+    output = np.zeros((n, 6))
+    output[:, 3 + axis] = rate
+    one, last = np.array([0]), np.array([n - 1])
+    rotation, _, _ = carry(
+        dt * np.arange(n, dtype=np.float64),
+        output,
+        one,
+        one,
+        last,
+        last,
+        np.eye(6),
+        np.zeros(6),
+        np.eye(3),
+    )
+    # What is fixed in space turns backwards in the body. The last sample's weight is one.
+    angle = rate * dt * (n - 1)
+    p, o = (axis + 1) % 3, (axis + 2) % 3
+    assert rotation[0, p, p] == pytest.approx(np.cos(angle), abs=1e-12)
+    assert rotation[0, p, o] == pytest.approx(np.sin(angle), abs=1e-12)
+    assert rotation[0, axis, axis] == pytest.approx(1, abs=1e-12)
+
+
+def refused(ups: ArrayLike, estimator: str, **changes: float) -> NotObserved:
+    rng = np.random.default_rng(81)
+    sensor = whole()
+    seen = observed(record(mems(rng), replace(SESSION, **changes), rng, ups=ups), sensor)
+    with pytest.raises(NotObserved) as caught:
+        METHOD.estimator(estimator)(seen, sensor, BENCH, ())
+    message = str(caught.value)
+    assert "add: hold" in message
+    assert len(caught.value.directions) > 0
+    named = message.partition("(free directions")[0]
+    assert any(name in named for name in sensor.coefficients)
+    for words in caught.value.directions:
+        assert words in message
+        assert any(name in words for name in sensor.coefficients)
+    return caught.value
+
+
+both = pytest.mark.parametrize("estimator", ["joint", "sequential"])
+
+
+@both
+def test_eight_poses_do_not_determine_nine_coefficients(estimator: str):
+    error = refused(directions(8, np.random.default_rng(82)), estimator)
+    assert "8 rests for 9 coefficients" in str(error)
+    assert all(".k" in words or "a" in words for words in error.directions)
+
+
+@both
+@pytest.mark.parametrize("normal", [(0.0, 0.0, 1.0), (1.0, 1.0, 1.0)])
+def test_poses_in_one_plane_are_refused_with_the_directions_that_are_missing(
+    estimator: str, normal: tuple[float, float, float]
+):
+    ups = planar(20, normal, 1.0, np.random.default_rng(83))
+    message = str(refused(ups, estimator))
+    assert "all lie in one plane" in message
+    across = np.array(
+        [float(part) for part in message.split("across (")[1].split(")")[0].split(",")]
+    )
+    along = abs(across @ np.array(normal)) / np.linalg.norm(normal)
+    assert along > np.cos(3 * DEGREE)
+    if normal == (0.0, 0.0, 1.0):
+        assert "none has +z, −z up" in message
+        assert "az.k1" in message
+        first = message.split("add: ")[1]
+        assert "z up" in first or "z rises" in first
+
+
+@both
+@pytest.mark.parametrize("axis", range(3))
+def test_a_gyro_turned_about_one_axis_only_leaves_the_others_open(estimator: str, axis: int):
+    ups = about_one_axis(20, np.eye(3)[axis], np.random.default_rng(84))
+    message = str(refused(ups, estimator, yaw_deg=0.0))
+    named = message.partition("(free directions")[0]
+    for k in {0, 1, 2} - {axis}:
+        assert f"g{'xyz'[k]}.scale" in named
+    assert f"g{'xyz'[axis]}.scale" not in named
+
+
+@pytest.mark.parametrize("seed", [85, 86, 87])
+@pytest.mark.parametrize("late", [0.0, 0.004])
+@pytest.mark.parametrize(("arm", "known"), [(0.2, 0.02), (0.01, 0.0008)])
+def test_the_gyros_delay_is_found_and_none_where_there_is_none(
+    seed: int, late: float, arm: float, known: float
+):
+    """The hand's own acceleration, in proportion to its reach, is what limits it."""
+    rng = np.random.default_rng(seed)
+    sensor = whole("g")
+    seen = observed(record(mems(rng), replace(SESSION, delay=late, arm=arm), rng), sensor)
+    found = delay(seen, sensor, joint(seen, sensor, BENCH, ()), SESSION.gravity)
+    assert found.value == pytest.approx(late, abs=4 * found.sd)
+    assert found.sd < known
+
+
+def test_bent_accelerometers_are_found_on_wish():
+    rng = np.random.default_rng(88)
+    device, sensor = mems(rng), whole("g", "k2", "k3")
+    k2, k3 = np.array([1e-4, -8e-5, 6e-5]), np.array([-1e-5, 8e-6, 1.2e-5])
+    made = record(device, replace(SESSION, positions=40), rng, k2=k2, k3=k3)
+    estimate = joint(observed(made, sensor), sensor, BENCH, ())
+    bent = {f"a{a}.k2": float(k2[i]) for i, a in enumerate("xyz")}
+    bent |= {f"a{a}.k3": float(k3[i]) for i, a in enumerate("xyz")}
+    p = len(sensor.coefficients)
+    off = (estimate.value[:p] - truth(device, sensor, **bent)) / estimate.std[:p]
+    assert np.abs(off).max() < 4, dict(zip(sensor.coefficients, off.tolist(), strict=True))
+    found = estimate.select(list(bent))
+    assert np.abs(found.value / found.std).min() > 5
+
+
+@both
+def test_accelerometers_alone_are_calibrated(estimator: str):
+    rng = np.random.default_rng(89)
+    device, sensor = mems(rng), METHOD.prepare(imu().only("f"))
+    seen = observed(record(device, SESSION, rng), sensor)
+    estimate = METHOD.estimator(estimator)(seen, sensor, BENCH, ())
+    p = len(sensor.coefficients)
+    assert p == 9
+    off = (estimate.value[:p] - truth(device, sensor)) / estimate.std[:p]
+    assert np.abs(off).max() < 4
+    assert [group.name for group in estimate.groups] == ["norms"]
+
+
+def test_the_accelerometers_of_sequential_are_those_found_without_gyros():
+    rng = np.random.default_rng(90)
+    device, sensor = mems(rng), whole("g")
+    made = record(device, SESSION, rng)
+    alone = METHOD.prepare(imu().only("f"))
+    first = sequential(observed(made, alone), alone, BENCH, ())
+    both_kinds = sequential(observed(made, sensor), sensor, BENCH, ())
+    np.testing.assert_allclose(both_kinds.value[:9], first.value[:9], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        both_kinds.covariance[:9, :9], first.covariance[:9, :9], rtol=1e-6, atol=1e-16
+    )
