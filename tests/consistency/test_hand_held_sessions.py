@@ -56,6 +56,7 @@ def judge(seed: int, session: Session, estimator: str, trials: int) -> Judged:
         seen = observe(recording, sensor, marks, as_found(marks))
         seen = replace(seen, passages=between_rests(recording, sensor, marks))
         found = METHOD.estimator(estimator)(seen, sensor, bench, held(seen, sensor))
+        assert found.converged
         errors.append(found.value[: truth.size] - truth)
         covariances.append(found.covariance[: truth.size, : truth.size])
         flagged.append(not found.consistent)

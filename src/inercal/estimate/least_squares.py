@@ -131,7 +131,7 @@ def _search(
         tried = system.point(x, residual, jacobian, whitener)
         fall = cost - _cost(tried, loss)
         # Where the promise is no more than the rounding of the cost, so is the fall: no failure.
-        slack = 1e-12 * cost + 1e-20
+        slack = system.problem.rounding * cost + 1e-20
         gain = np.where(predicted > 1e3 * slack, fall / np.maximum(predicted, slack), 1.0)
         # A point that is not finite falls by NaN, and so is refused.
         accepted = ~active | (ok & (fall >= -slack) & (gain > 1e-3))

@@ -51,6 +51,8 @@ class Problem:
     known_nulls : tuple of (words, direction)
         Directions that a method knows to be unobservable in some plans, with their names: a vector
         (p,) or vectors (k, p) in the parameters' units, or a callable of x (p,) giving them.
+    rounding : float
+        Relative error of χ² by the rounding of `linearise`: a fall of less says nothing.
 
     Raises
     ------
@@ -68,6 +70,7 @@ class Problem:
     wanted: tuple[str, ...] = ()
     observations: tuple[str, ...] = ()
     known_nulls: tuple[KnownNull, ...] = ()
+    rounding: float = 1e-12
 
     def __post_init__(self) -> None:
         p = len(self.names)

@@ -25,6 +25,7 @@ from inercal.sensors import G0
 Array = NDArray[np.float64]
 Places = NDArray[np.int64]
 _FEW = 6  # steps
+_ROUNDING = 1e-9  # of χ²: a rotation is the product of hundreds of steps
 _EXACT = 1e-15  # SI; what is known better is exact
 BESIDE = ("g", "earth_1", "earth_2", "earth_up")
 
@@ -213,6 +214,7 @@ def _fit(
             scale=np.concatenate([rests.sensor.natural, [G0, 1.0, 1.0, 1.0]])[free],
             priors=tuple(known),
             wanted=tuple(name for name in chosen if name not in BESIDE),
+            rounding=_ROUNDING,
         ),
         max_iterations=most,
     )
