@@ -14,11 +14,15 @@ def main(names: list[str]) -> None:
     for name in names:
         if name not in known:
             raise SystemExit(f"no benchmark '{name}'; there are {', '.join(known)}")
-    print(f"{'work':<60} {'ours':>10} {'peer':>10} {'ratio':>7}  peer")
+    print(f"{'work':<64} {'ours':>11} {'peer':>11} {'ratio':>7}  peer")
     for name in names or known:
         for row in importlib.import_module(f"benchmarks.{name}").rows():
-            times = f"{row.ours:>8.3g} s {row.peer:>8.3g} s {row.peer / row.ours:>6.1f}×"
-            print(f"{row.name:<60} {times}  {row.peer_name}", flush=True)
+            if isinstance(row, benchmarks.Skipped):
+                print(f"{row.name:<64} skipped: {row.reason}", flush=True)
+                continue
+            sizes = (f"{size:>8.3g} {row.unit:<2}" for size in (row.ours, row.peer))
+            ratio = f"{row.peer / row.ours:>6.3g}×"
+            print(f"{row.name:<64} {' '.join(sizes)} {ratio}  {row.peer_name}", flush=True)
 
 
 main(sys.argv[1:])

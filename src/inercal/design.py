@@ -78,7 +78,7 @@ def rehearse(run: Run, sessions: int = SESSIONS) -> Expected:
         length = recording.duration
         holds = tuple(step for step in run.steps if isinstance(step, Hold))
         marks = _marks(recording)
-        seen = observe(recording, run.sensor, marks, holds)
+        seen = observe(recording, run.sensor, marks, holds, by_hand=True)
         if run.sensor.only("w").axes:
             seen = replace(seen, passages=between_rests(recording, run.sensor, marks))
         estimate = estimator(seen, run.sensor, run.bench, run.steps, run.priors)

@@ -118,12 +118,12 @@ def calibrate(run: Run | str | Path) -> Outcome:
         else:
             marks, observations, findings = _planned_sections(run, recording)
     if run.method.free:
-        steps: tuple[Step, ...] = held(observations, sensor)
+        plan = steps = held(observations, sensor)
     else:
-        steps = _planned(run, observations)
+        plan, steps = run.steps, _planned(run, observations)
         findings += check_against_plan(observations, sensor, steps, run.bench.gravity.value)
     estimate = run.method.estimator(run.estimator)(
-        observations, sensor, run.bench, run.steps, run.priors
+        observations, sensor, run.bench, plan, run.priors
     )
     if not np.all(estimate.converged):
         raise InputError(f"{run.path}: the fit did not converge; look at the marks and the plan")
@@ -197,7 +197,7 @@ def _free_rests(
         marks = _stated_marks(run, recording)
         check_marks(marks, recording, [mark.label for mark in marks])
     marks, left_out = unflawed(recording, run.sensor, marks)
-    observations = observe(recording, run.sensor, marks, as_found(marks))
+    observations = observe(recording, run.sensor, marks, as_found(marks), by_hand=True)
     if run.sensor.only("w").axes:
         observations = replace(observations, passages=between_rests(recording, run.sensor, marks))
     return marks, observations, findings + left_out

@@ -136,7 +136,8 @@ class Recording:
         InputError
             A single sample, or a median step that is not positive.
         """
-        step = float(np.median(np.diff(self.time))) if self.time.size > 1 else 0.0
+        steps = np.diff(self.time)
+        step = float(np.median(steps, overwrite_input=True)) if steps.size else 0.0
         if not step > 0:
             raise InputError(f"{self.source or 'recording'}: time does not advance between samples")
         return step

@@ -1,6 +1,7 @@
 """The program as a shell sees it: what it prints where, its status, and what it imports."""
 
 import json
+import os
 import subprocess
 import sys
 from importlib.metadata import version
@@ -8,6 +9,8 @@ from pathlib import Path
 
 import pytest
 from tests.runfile.texts import SIX_POSITIONS, run_file
+
+from inercal.cli.app import main
 
 HEAVY = ("numpy", "scipy", "numba", "pint", "matplotlib")
 VERBS = ("demo", "calibrate", "simulate", "apply", "report")
@@ -36,6 +39,19 @@ def test_help_and_version_import_no_numerics(arguments: list[str]):
         [sys.executable, "-c", code], capture_output=True, text=True, encoding="utf-8", check=True
     )
     assert done.stderr.strip() == "[]"
+
+
+@pytest.mark.parametrize(("asked", "used"), [(None, "1"), ("4", "4")])
+def test_linear_algebra_has_one_thread_unless_told_otherwise(
+    monkeypatch: pytest.MonkeyPatch, asked: str | None, used: str
+):
+    monkeypatch.setattr(sys, "argv", ["inercal", "--version"])
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", asked or "")
+    if not asked:
+        monkeypatch.delenv("OPENBLAS_NUM_THREADS")
+    with pytest.raises(SystemExit):
+        main()
+    assert os.environ["OPENBLAS_NUM_THREADS"] == used
 
 
 def test_help_lists_every_verb():

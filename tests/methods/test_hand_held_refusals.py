@@ -29,7 +29,7 @@ def calibrated(ups: Array, also: Sequence[str] = (), **session: float) -> Estima
     units = ("m/s²",) * 3 + ("rad/s",) * 3
     recording = Recording(made.time, made.data[0], sensor.channels, units)
     marks = [Mark(f"r{k:02d}", a + 10, b - 10) for k, (a, b) in enumerate(made.rests)]
-    seen = observe(recording, sensor, marks, as_found(marks))
+    seen = observe(recording, sensor, marks, as_found(marks), by_hand=True)
     seen = replace(seen, passages=between_rests(recording, sensor, marks))
     bench = Hand(Measured(9.81, 1e-3))
     return METHOD.estimator("")(seen, sensor, bench, held(seen, sensor))

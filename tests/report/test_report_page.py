@@ -16,6 +16,7 @@ from inercal.pipeline import Outcome, calibrate, named_as_in, simulate
 from inercal.plan import Hold
 from inercal.recording import Finding, Recording
 from inercal.report import write_report
+from inercal.report.figures import residuals
 from inercal.report.page import judge, page
 from inercal.report.sphere import attitudes, missing_faces
 from inercal.report.tables import bench, coefficients, strongest
@@ -60,13 +61,23 @@ def parsed(text: str) -> _Tags:
     return tags
 
 
+def simulated(folder: Path, name: str) -> Run:
+    """Return a run file of the package, with its recording simulated."""
+    path = folder / "run.toml"
+    path.write_bytes(files("inercal").joinpath(name).read_bytes())
+    run = read(path)
+    write_recording(named_as_in(run, simulate(run, 3)), folder / run.data.file)
+    return run
+
+
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    path = tmp_path_factory.mktemp("demo") / "run.toml"
-    path.write_bytes(files("inercal").joinpath("demo.toml").read_bytes())
-    run = read(path)
-    write_recording(named_as_in(run, simulate(run, 3)), path.parent / run.data.file)
-    return run
+    return simulated(tmp_path_factory.mktemp("demo"), "demo.toml")
+
+
+@pytest.fixture(scope="module")
+def by_hand(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
+    return calibrate(simulated(tmp_path_factory.mktemp("hand"), "hand_held.toml"))
 
 
 @pytest.fixture(scope="module")
@@ -209,6 +220,20 @@ def test_short_recordings_are_drawn_sample_by_sample():
     when, y = envelope(Recording(np.arange(50.0) + 1e9, data, ("ax",), ("g",)), 0)
     np.testing.assert_array_equal(y, data[:, 0])
     assert when[0] == 0
+
+
+def test_rests_found_by_hand_make_a_page_with_the_scatter_they_were_found_by(by_hand: Outcome):
+    tags = parsed(page(by_hand, None))
+    assert any(name.startswith("scatters-") for name in tags.ids)
+    assert "".join(tags.text).count("time from the first sample, s") == 2
+
+
+def test_rows_of_residuals_by_the_same_rests_name_them_once(by_hand: Outcome):
+    norms, rates, rotations = by_hand.estimate.groups
+    assert norms.labels == rates.labels != rotations.labels
+    names = [text.strip() for text in parsed(residuals(by_hand)).text]
+    assert names.count(norms.labels[0]) == 2  # left and right
+    assert names.count(rotations.labels[0]) == 2
 
 
 def test_means_without_a_recording_make_a_page(outcome: Outcome):

@@ -67,17 +67,26 @@ def _by_group(estimate: Estimate, count: int) -> list[str]:
         f"{group.name} χ² = {group.chi2:.1f} with {group.dof}, p {_chance(group.p_value)}"
         for group in estimate.groups
     ]
-    beyond = [group for group in estimate.groups if group.excess]
+    beyond = [group for group in estimate.groups if group.spread.excess]
+    within = [group for group in estimate.groups if group.spread.share < 1]
+    lines: list[str] = []
+    if within:
+        shares = ", ".join(f"{group.spread.share:.2g} for {group.name}" for group in within)
+        lines.append(
+            "some observations agree better than the scatter within rests says, as where a hand "
+            f"trembles; of its variance a share counts: {shares}"
+        )
     if not beyond:
         tested = all(group.dof > 0 for group in estimate.groups)
         first = f"{count} coefficients found; " + (
             "the data agree with their noise" if tested else "what there is to test agrees"
         )
-        return [f"{first} ({'; '.join(told)})"]
-    added = ", ".join(f"{group.excess:.2g} {group.unit} of {group.name}" for group in beyond)
+        return [f"{first} ({'; '.join(told)})", *lines]
+    added = ", ".join(f"{group.spread.excess:.2g} {group.unit} of {group.name}" for group in beyond)
     return [
         f"{count} coefficients found, but the residuals are larger than their noise "
-        f"({'; '.join(told)}): a scatter of {added} is added to it, and so to all uncertainties"
+        f"({'; '.join(told)}): a scatter of {added} is added to it, and so to all uncertainties",
+        *lines,
     ]
 
 

@@ -1,5 +1,6 @@
 """The `inercal` program. Verbs import what they run inside their function: help stays quick."""
 
+import os
 import sys
 
 import typer
@@ -31,6 +32,8 @@ def _options(
 
 def main() -> None:
     """Run the program: a mistake of the user's is one line on standard error and status 2."""
+    # Matrices are small here: threads of linear algebra would only wait for one another.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         app()
     except InercalError as error:

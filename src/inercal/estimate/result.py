@@ -16,6 +16,7 @@ from scipy.special import chdtrc, chdtri
 
 from inercal.errors import InputError
 from inercal.estimate.nullspace import NullDirection
+from inercal.estimate.spread import Spread
 
 Array = NDArray[np.float64]
 _LEVEL = 0.95
@@ -34,12 +35,11 @@ class Group:
     residual : (k, q) array
         q components each, in the unit.
     sd : (k, q) array
-        Standard deviations of the residuals as stated, `excess` included.
+        Standard deviations of the residuals as stated, `spread` included.
     chi2, dof : float and int
-        Before any excess was added.
-    excess : float
-        Standard deviation, in the unit, that was added to the noise of each component because
-        χ² asked for it (`inercal.estimate.excess`); 0 for none.
+        By the noise as stated.
+    spread : Spread
+        What χ² made of the noise, in the unit; for readings behind the residuals, in theirs.
     """
 
     name: str
@@ -49,7 +49,7 @@ class Group:
     sd: Array
     chi2: float
     dof: int
-    excess: float
+    spread: Spread
 
     @property
     def p_value(self) -> float:
@@ -125,7 +125,7 @@ class Estimate:
     def consistent(self) -> NDArray[np.bool_]:
         """True where χ² is within its one-sided 95 % bound; of groups, where none has excess."""
         if self.groups:
-            return np.array(all(group.excess == 0 for group in self.groups))
+            return np.array(all(group.spread.excess == 0 for group in self.groups))
         if not self.dof:
             return np.ones(np.shape(self.chi2), dtype=bool)
         return self.chi2 <= chdtri(self.dof, 1 - _LEVEL)

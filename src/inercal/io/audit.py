@@ -237,7 +237,7 @@ def jitter(recording: Recording) -> list[Finding]:
         off = np.diff(time[k.start : k.stop + 1]) - recording.median_step
         inside = gaps[np.searchsorted(gaps, k.start) : np.searchsorted(gaps, k.stop)]
         off[inside - k.start] = 0
-        squares += float(off @ off)
+        squares += float(np.sum(off**2))
     rms = float(np.sqrt(squares / (time.size - 1 - gaps.size)))
     rounding = float(np.spacing(max(abs(time.min()), abs(time.max()))))
     if rms <= 2 * rounding:

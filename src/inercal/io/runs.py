@@ -17,6 +17,7 @@ _STANDS_OUT = 5  # times the longest of the ordinary runs
 _RAIL = 5  # samples; fewer at an extreme are a peak
 _STUCK = 50  # samples; fewer are an ordinary repetition
 _LEVELS = 10  # values; a resting sensor's noise may span fewer, and then its top one repeats
+_NONE: Indices = np.zeros((0, 2), np.int64)
 
 
 class _Runs(NamedTuple):
@@ -48,17 +49,29 @@ def at_rails(x: Array) -> Indices:
     longest run at any value between the two extremes.
     """
     lowest, highest = x.min(), x.max()
+    if not (_in_a_row(x == lowest, _RAIL) or _in_a_row(x == highest, _RAIL)):
+        return _NONE
     between = (x != lowest) & (x != highest)
     if not between.any():
-        return _ranges(np.zeros(x.size, np.bool_))
+        return _NONE
     runs = _runs(x)
     longest = int(runs.length[between[runs.start]].max(initial=1))
     needed = max(_RAIL, _STANDS_OUT * longest)
     extremes = (lowest, highest)
     rails = [v for v in extremes if runs.length[runs.value == v].max(initial=1) >= needed]
     if not rails or _fewer_values(x, _LEVELS):
-        return _ranges(np.zeros(x.size, np.bool_))
+        return _NONE
     return _ranges(np.logical_or.reduce([x == v for v in rails]))
+
+
+def _in_a_row(mask: NDArray[np.bool_], count: int) -> bool:
+    """Return whether so many neighbours are True: in most recordings none, which is told soon."""
+    width = 1
+    while width < count and mask.size:
+        more = min(width, count - width)
+        mask = mask[:-more] & mask[more:]
+        width += more
+    return bool(mask.any())
 
 
 def _fewer_values(x: Array, levels: int) -> bool:
@@ -84,6 +97,8 @@ def stuck(x: Array, known: Indices) -> Indices:
     known : (k, 2) array
         Ranges to leave out: those at the rails.
     """
+    if not _in_a_row(x[1:] == x[:-1], _STUCK - 1):
+        return _NONE
     runs = _runs(x)
     change = np.zeros(x.size + 1, np.int8)
     change[known[:, 0]], change[known[:, 1]] = 1, -1
@@ -94,10 +109,10 @@ def stuck(x: Array, known: Indices) -> Indices:
         lengths = np.concatenate([[1], lengths])
     jump = np.flatnonzero((lengths[1:] >= _STANDS_OUT * lengths[:-1]) & (lengths[1:] >= _STUCK))
     if not jump.size:
-        return _ranges(np.zeros(x.size, np.bool_))
+        return _NONE
     held = (runs.length >= lengths[jump[0] + 1]) & ordinary
     if 2 * runs.length[held].sum() >= x.size:
-        return _ranges(np.zeros(x.size, np.bool_))
+        return _NONE
     return np.stack([runs.start[held], runs.start[held] + runs.length[held]], axis=-1)
 
 

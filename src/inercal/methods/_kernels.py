@@ -51,7 +51,7 @@ def carry(
         Σ C ⊗ (f, ω, 1) Δt with C the rotation from a sample's frame to the last: [a, b, j] is what
         a rate error along b in proportion to quantity j turns about a at the end.
     noise : (k, 3, 3) array
-        Covariance of ψ by the rate's white noise, rad².
+        Covariance of ψ by the rate's white noise on the way from `left` to `reached`, rad².
     """
     count, m = start.size, output.shape[1]
     rotation, noise = np.empty((count, 3, 3)), np.empty((count, 3, 3))
@@ -106,6 +106,9 @@ def carry(
                     for a in range(3):
                         s[a, column] = e[a, 0] * s0 + e[a, 1] * s1 + e[a, 2] * s2
                     s[b, column] += half
+            if i <= left[k]:
+                continue
+            own = dt * dt if i <= reached[k] else 0.0
             for a in range(3):
                 for b in range(3):
                     turned[a, b] = e[a, 0] * p[0, b] + e[a, 1] * p[1, b] + e[a, 2] * p[2, b]
@@ -115,7 +118,7 @@ def carry(
                         turned[a, 0] * e[b, 0]
                         + turned[a, 1] * e[b, 1]
                         + turned[a, 2] * e[b, 2]
-                        + white[a, b] * dt * dt
+                        + white[a, b] * own
                     )
         rotation[k], noise[k] = r, p
         sensitivity[k] = s.reshape(3, 3, 7)

@@ -1,16 +1,17 @@
 """Whitening of the rows of rests and passages: a band of their covariance, in the order of time.
 
-Rest i has five rows that its readings' errors enter: the two of the rotation that reaches it, its
-norm, the two of the rotation that leaves it. Each such block J Σ_i Jᵀ is added onto a band of five
-diagonals, at 3 i; the rotations' own noise onto theirs. Rows that do not exist (a passage across a
-gap) keep a variance of one and take no part. Work and memory grow with the number of rests.
+Rest i has eight rows that its readings' errors enter: the two of the rotation that reaches it, its
+norm, its three rates, the two of the rotation that leaves it. Each such block is added onto a band
+of eight diagonals, at 6 i; the rotations' own noise onto theirs. Rows that do not exist (a passage
+across a gap) keep a variance of one and take no part. Work and memory grow with the number of
+rests.
 """
 
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,45 @@ from inercal.methods.rests import Rests, Rows, Scatter
 
 Array = NDArray[np.float64]
 Whiten = Callable[[Array], Array]
+_STEP = 6  # rows from rest to rest
+_ROWS = 8  # that one rest enters
+NORM, RATES = 2, slice(3, 6)
+
+
+class Noise(NamedTuple):
+    """The covariance of all rows, in parts that do not depend on one another."""
+
+    rests: Array  # (r, 8, 8), by each rest's readings, of the rows that they enter
+    turns: Array  # (k, 2, 2), of the rotations besides
+
+
+def noise(rests: Rests, rows: Rows, scatter: Scatter) -> Noise:
+    """Return how the rows scatter: the readings' noise propagated at `rows`."""
+    r, m, turns = len(rows.norm.residual), rests.m, rows.turns
+    readings = rests.readings(scatter)
+    enter = np.zeros((r, _ROWS, readings.shape[-1]))
+    back = np.broadcast_to(rows.norm.by_reading, (r, 3, m))
+    enter[:, NORM, :m] = -(rows.norm.up[:, None, :] @ back)[:, 0]
+    own = np.zeros((0, 2, 2))
+    if turns is not None and rows.way is not None and rests.passages is not None:
+        before = rests.passages.rest
+        after = before + 1
+        arriving = -turns.ahead * rests.ramps[after, 0, None, None]
+        leaving = -turns.ahead @ rows.way.rotation * rests.ramps[before, 1, None, None]
+        # An offset stays through a rest; on the way it is the mean of those at its ends, and as
+        # much again of its own.
+        on_the_way = 0.5 * (-turns.ahead @ rows.way.to_bias - arriving - leaving)
+        enter[:, RATES, m : m + 3] = enter[:, RATES, m + 9 :] = np.eye(3)
+        enter[after, :2, :m] = turns.to_after @ back[after]
+        enter[after, :2, m + 3 : m + 6] = -turns.ahead
+        enter[after, :2, m + 9 :] = arriving + on_the_way
+        enter[before, 6:, :m] = turns.to_before @ back[before]
+        enter[before, 6:, m + 6 : m + 9] = -turns.ahead @ rows.way.rotation
+        enter[before, 6:, m + 9 :] = leaving + on_the_way
+        own = turns.ahead @ rows.way.noise @ np.swapaxes(turns.ahead, -1, -2)
+        wander = scatter.rate.excess**2 * 2 * on_the_way @ np.swapaxes(on_the_way, -1, -2)
+        own = scatter.turn.of(own) + wander
+    return Noise(enter @ readings @ np.swapaxes(enter, -1, -2), own)
 
 
 def whitener(rests: Rests, rows: Rows, scatter: Scatter, *, norms: bool = True) -> Whiten:
@@ -32,46 +72,38 @@ def whitener(rests: Rests, rows: Rows, scatter: Scatter, *, norms: bool = True) 
         Where the noise is propagated.
     scatter : Scatter
     norms : bool
-        Without, the rows of norms are taken out, and the rotations are whitened by themselves.
+        Without, the rows of norms are taken out, and the others are whitened by themselves.
     """
-    r, turns = len(rows.norm.residual), rows.turns
-    k = 0 if turns is None else len(turns.residual)
+    r = len(rows.norm.residual)
     # Two places before and after the chain, for the rotations that the ends do not have.
-    band = np.zeros((5, 3 * r + 2))
-    to_reading = np.zeros((r, 5, rests.m))
-    back = np.broadcast_to(rows.norm.by_reading, (r, 3, rests.m))
-    place = np.zeros(0, dtype=np.int64)
-    if norms:
-        to_reading[:, 2] = -(rows.norm.up[:, None, :] @ back)[:, 0]
-        place = 3 * np.arange(r) + 2
-    if turns is not None and rests.passages is not None:
-        before = rests.passages.rest
-        to_reading[before, 3:] = turns.to_before @ back[before]
-        to_reading[before + 1, :2] = turns.to_after @ back[before + 1]
-        own, at = rests.turn_noise(turns, scatter), 3 * before + 3
-        band[0, at], band[0, at + 1], band[1, at] = own[:, 0, 0], own[:, 1, 1], own[:, 1, 0]
-        place = np.concatenate([place, np.stack([at, at + 1], axis=-1).ravel()])
-    noise = rests.noise[:, : rests.m, : rests.m] + scatter.force**2 * np.eye(rests.m)
-    spread = to_reading @ noise @ np.swapaxes(to_reading, -1, -2)
-    for column in range(5):
-        for row in range(column, 5):
-            band[row - column, column : column + 3 * r - 2 : 3] += spread[:, row, column]
+    band = np.zeros((_ROWS, _STEP * r + _ROWS - _STEP))
+    of_rests, of_turns = noise(rests, rows, scatter)
+    for column in range(_ROWS):
+        for row in range(column, _ROWS):
+            stop = column + _STEP * r
+            band[row - column, column:stop:_STEP] += of_rests[:, row, column]
+    start = _STEP * np.arange(r)
+    place = (start + NORM)[: r if norms else 0]
+    if rests.passages is not None:
+        at = _STEP * (rests.passages.rest + 1)
+        band[0, at] += of_turns[:, 0, 0]
+        band[0, at + 1] += of_turns[:, 1, 1]
+        band[1, at] += of_turns[:, 1, 0]
+        of_rates = (start[:, None] + np.arange(_STEP)[RATES]).ravel()
+        place = np.concatenate([place, np.stack([at, at + 1], axis=-1).ravel(), of_rates])
     absent = np.ones(band.shape[1], dtype=np.bool_)
     absent[place] = False
     band[0, absent] = 1.0
+    for below in range(1, _ROWS):
+        band[below, absent] = 0.0
+        band[below, :-below][absent[below:]] = 0.0
     factor: Any = cholesky_banded(band, lower=True)
-    of_rates = np.zeros((0, 0, 0))
-    if turns is not None:
-        of_rates = np.linalg.inv(np.linalg.cholesky(rests.rate_noise(scatter)))
 
     def whiten(columns: Array) -> Array:
         flat = columns.reshape(len(columns), -1)
         line = np.zeros((band.shape[1], flat.shape[1]))
-        line[place] = flat[0 if norms else r : r + 2 * k]
-        done: list[Array] = [solve_banded((4, 0), factor, line)[place]]
-        if turns is not None:
-            rates = flat[r + 2 * k :].reshape(r, -1, flat.shape[1])
-            done.append((of_rates @ rates).reshape(-1, flat.shape[1]))
-        return np.concatenate(done).reshape(-1, *columns.shape[1:])
+        line[place] = flat[0 if norms else r :]
+        white: Array = np.asarray(solve_banded((_ROWS - 1, 0), factor, line), dtype=np.float64)
+        return white[place].reshape(-1, *columns.shape[1:])
 
     return whiten

@@ -8,7 +8,7 @@ sensitivity to acceleration from the rates at rest. The frame is the acceleromet
 the first input axis, y in the plane of the first two.
 
 Each kind of rows is judged by its own χ². Where it lies beyond its 95 % bound, the scatter that
-explains it is added to the noise (`inercal.estimate.excess`).
+explains it is added to the noise (`inercal.estimate.spread`).
 
 Sources: Skog and Händel, "Calibration of a MEMS inertial measurement unit", XVII IMEKO World
 Congress, 2006 (norms); Tedaldi, Pretto, Menegatti, ICRA 2014, 3042–3049 (rotations between rests).

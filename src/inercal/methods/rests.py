@@ -4,15 +4,18 @@ Three kinds of rows, for r rests and k passages::
 
     norms      0 − (‖f̂_i‖ − g)                                   one a rest
     rates      ȳ_i − h(f̂_i, C_i ω_e)                             three a rest
-    rotations  across û_after: û_after − R û_before               two a passage
+    rotations  across û_after: û_after − E R û_before               two a passage
 
-f̂ is what the accelerometers' mean readings say by the model. Their errors e_i enter the norm of
-rest i and the rotations to and from it, so that neighbouring rotations are correlated. In the
-order norm 1, rotation 1, norm 2, … the covariance is a band, and is whitened as one
+f̂ is what the accelerometers' mean readings say by the model. Their errors enter the norm of the
+rest and the rotations to and from it, so that neighbouring rotations are correlated. In the order
+norm 1, rates 1, rotation 1, norm 2, … the covariance is a band, and is whitened as one
 (`inercal.methods.chain`).
 
-What the stated noise does not explain has three sizes, `Scatter`: of a rest's accelerometer
-readings, of its gyro readings (a bias that wanders also turns the passages), of a rotation.
+The gyros' noise at a rest is in its mean rate and in the rotations to and from it.
+
+Rows may scatter by more than the samples say, or by less, where the samples hold the hand's wobble:
+`Scatter` has a share and an excess (`inercal.estimate.spread`) for a rest's accelerometer readings,
+its gyro readings (a bias that wanders also turns the passages), and a rotation.
 """
 
 from dataclasses import dataclass
@@ -24,8 +27,9 @@ from numpy.typing import NDArray
 
 from inercal.benches import Hand
 from inercal.benches.hand import across
+from inercal.estimate.spread import Spread
 from inercal.frames import exp_so3, from_up
-from inercal.methods.rotations import Rotations, rotations
+from inercal.methods.rotations import Carried, Rotations, carried, rotations
 from inercal.motion import Motion
 from inercal.observe import Norm, norm
 from inercal.recording import Observations, Passages
@@ -36,11 +40,11 @@ Array = NDArray[np.float64]
 
 
 class Scatter(NamedTuple):
-    """Standard deviations beyond the stated noise: m/s² and rad/s of each axis, and rad."""
+    """How accelerometer readings (m/s²), gyro readings (rad/s) and rotations (rad) scatter."""
 
-    force: float = 0.0
-    rate: float = 0.0
-    turn: float = 0.0
+    force: Spread = Spread()
+    rate: Spread = Spread()
+    turn: Spread = Spread()
 
 
 class Rows(NamedTuple):
@@ -49,6 +53,7 @@ class Rows(NamedTuple):
     residual: Array  # (r + 2 k + 3 r or 0,): norms, rotations, rates
     jacobian: Array  # of the predictions to x
     norm: Norm
+    way: Carried | None
     turns: Rotations | None
     attitude: Array | None  # (r, 3, 3), from the level frame to the body's, where there are turns
 
@@ -150,33 +155,32 @@ class Rests:
         jacobian = np.zeros((r, x.size))
         jacobian[:, :a], jacobian[:, p] = at.jacobian[:, :-1], at.jacobian[:, -1]
         if self.passages is None:
-            return Rows(at.residual, jacobian, at, None, None)
+            return Rows(at.residual, jacobian, at, None, None, None)
         to_felt = np.zeros((r, 3, p))
         to_felt[..., :a] = at.by_coefficient
-        turns = rotations(self.passages, self.sensor, x[:p], at.felt, self.across, self.white)
-        to_level = self._attitudes(at, turns) if attitude is None else attitude
         before, after = self.passages.rest, self.passages.rest + 1
+        way = carried(self.passages, self.sensor, x[:p], self.white)
+        to_level = self._attitudes(at, way) if attitude is None else attitude
+        by_earth = to_level[after] * self.passages.duration[:, None, None]
+        turns = rotations(before, way, at.felt, self.across, by_earth @ x[p + 1 :])
         of_turns = np.zeros((len(before), 2, x.size))
         of_turns[..., :p] = (
-            turns.to_coefficient
+            turns.ahead @ way.to_coefficient
             - turns.to_before @ to_felt[before]
             - turns.to_after @ to_felt[after]
         )
-        # The rate holds the earth's, which turns the body not against gravity: ψ loses ω_e T.
-        of_turns[..., p + 1 :] = (
-            -turns.ahead @ to_level[after] * self.passages.duration[:, None, None]
-        )
-        moved = turns.residual - (of_turns[..., p + 1 :] @ x[p + 1 :])
+        of_turns[..., p + 1 :] = turns.to_earth @ by_earth
         rates, of_rates = self._rates(x, at, to_felt, to_level)
         return Rows(
-            np.concatenate([at.residual, moved.ravel(), rates.ravel()]),
+            np.concatenate([at.residual, turns.residual.ravel(), rates.ravel()]),
             np.concatenate([jacobian, of_turns.reshape(-1, x.size), of_rates]),
             at,
-            turns._replace(residual=moved),
+            way,
+            turns,
             to_level,
         )
 
-    def _attitudes(self, at: Norm, turns: Rotations) -> Array:
+    def _attitudes(self, at: Norm, carried: Carried) -> Array:
         """Return the rotation from the level frame to the body's at each rest, (r, 3, 3).
 
         The azimuth is carried along by the gyros; across a missing passage it is lost, and what is
@@ -184,7 +188,7 @@ class Rests:
         """
         assert self.passages is not None
         level = from_up(at.up)
-        way = dict(zip(self.passages.rest.tolist(), turns.rotation, strict=True))
+        way = dict(zip(self.passages.rest.tolist(), carried.rotation, strict=True))
         known = np.ones(len(level))
         for k in range(1, len(level)):
             if k - 1 in way and known[k - 1]:
@@ -207,12 +211,49 @@ class Rests:
         jacobian[..., p + 1 :] = (slope[..., 3:] @ to_level)[:, self.m :]
         return (self.observations.mean - reading)[:, self.m :], jacobian.reshape(-1, x.size)
 
-    def rate_noise(self, scatter: Scatter) -> Array:
-        """Return the covariance of the gyros' mean readings at each rest, (r, 3, 3)."""
-        own = scatter.rate**2 * np.eye(len(self.sensor.axes) - self.m)
-        return self.noise[:, self.m :, self.m :] + own
+    def readings(self, scatter: Scatter) -> Array:
+        """Return the covariance of what each rest lends its rows, (r, m + 12, m + 12).
 
-    def turn_noise(self, turns: Rotations, scatter: Scatter) -> Array:
-        """Return the covariance of the rotations apart from that of the rests, (k, 2, 2)."""
-        wander = scatter.rate**2 * turns.to_bias @ np.swapaxes(turns.to_bias, -1, -2)
-        return turns.noise + wander + scatter.turn**2 * np.eye(2)
+        In the order of the accelerometers' means, the gyros' means, the gyros' integrals over the
+        ramps by which the passages arrive and leave (the same samples, hence correlated), and the
+        offset that the gyros keep all through the rest.
+        """
+        m, r = self.m, len(self.noise)
+        force, rate, turn = scatter
+        whole = np.zeros((r, m + 12, m + 12))
+        whole[:, :m, :m] = force.of(self.noise[:, :m, :m])
+        if self.passages is None:
+            return whole[:, :m, :m]
+        n, lengths = self.observations.samples, self._ramps
+        step = self.observations.duration / n
+        # Weights rise evenly along a ramp: sums of them, of their squares and of their products.
+        both = np.maximum(lengths.sum(axis=1) - n, 0.0)
+        product = np.maximum(lengths.prod(axis=1), 1.0)
+        sums = np.zeros((r, 3, 3))
+        sums[:, 0, 0] = 1 / n
+        sums[:, 0, 1:] = sums[:, 1:, 0] = self.ramps / n[:, None]
+        sums[:, [1, 2], [1, 2]] = self.ramps * step[:, None] * (2 / 3)
+        sums[:, 1, 2] = sums[:, 2, 1] = step**2 * both**3 / (6 * product)
+        common = min(rate.share, turn.share) / turn.share
+        sums[:, 0] *= common
+        sums[:, 1:, 0] *= common
+        blocks = np.einsum("rij,ab->riajb", sums, turn.share * self.white)
+        whole[:, m:-3, m:-3] = blocks.reshape(r, 9, 9)
+        whole[:, m : m + 3, m : m + 3] = rate.share * self.noise[:, m:, m:]
+        whole[:, -3:, -3:] = rate.excess**2 * np.eye(3)
+        return whole
+
+    @property
+    def ramps(self) -> Array:
+        """What a steady rate turns through on the ramps that arrive and leave, (r, 2) s."""
+        step = self.observations.duration / self.observations.samples
+        return 0.5 * self._ramps * step[:, None]
+
+    @cached_property
+    def _ramps(self) -> Array:
+        """Samples of the ramps by which passages arrive at each rest and leave it, (r, 2)."""
+        assert self.passages is not None
+        way, ramps = self.passages, np.zeros((len(self.noise), 2))
+        ramps[way.rest + 1, 0] = way.stop - way.reached + 1
+        ramps[way.rest, 1] = way.left - way.start + 1
+        return ramps

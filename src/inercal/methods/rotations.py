@@ -3,8 +3,9 @@
 With û the direction of f̂ at a rest and R the rotation that the corrected rate makes of the passage
 to the next, the residual is what is left across û at its end::
 
-    ρ = B (û_after − R û_before),   B (2 × 3): two unit vectors across û_after
+    ρ = B (û_after − E R û_before),   B (2 × 3): two unit vectors across û_after
 
+The gyros feel the earth's rate too, by which gravity turns with them: E = exp(ω_e T) takes it away.
 A turn about the vertical is not seen. The derivatives are exact to first order: R û moves by
 û × ψ with ψ = Σ C δω Δt (`inercal.methods._kernels`), δω by the inverse of the sensor's model, and
 û by the part of δf̂ across it over its length.
@@ -20,13 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.errors import NotInvertible
-from inercal.frames import skew
+from inercal.frames import exp_so3, skew
 from inercal.methods._kernels import carry
 from inercal.motion import Motion
 from inercal.recording import Passages
 from inercal.sensors import Sensor
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 
 class Affine(NamedTuple):
@@ -37,17 +39,23 @@ class Affine(NamedTuple):
     to_coefficient: Array  # (3, 7, p), of ω per unit of (f, ω, 1)
 
 
+class Carried(NamedTuple):
+    """What the corrected rate makes of k passages, and how that depends on it."""
+
+    rotation: Array  # (k, 3, 3), R
+    to_coefficient: Array  # (k, 3, p), of ψ
+    to_bias: Array  # (k, 3, 3), of ψ to a constant rate error, s
+    noise: Array  # (k, 3, 3), of ψ by the rate's white noise on the way, rad²
+
+
 class Rotations(NamedTuple):
     """The residuals of k passages; see the module."""
 
-    residual: Array  # (k, 2), rad
-    rotation: Array  # (k, 3, 3), R
-    ahead: Array  # (k, 2, 3), ∂(−ρ)/∂ψ
-    to_coefficient: Array  # (k, 2, p), ∂(−ρ): how the prediction runs ahead of the observation
+    residual: Array  # (k, 2), ρ in rad
+    ahead: Array  # (k, 2, 3), ∂(−ρ)/∂ψ: how the prediction runs ahead of the observation
     to_before: Array  # (k, 2, 3), of ρ to f̂ of the rest before
     to_after: Array  # (k, 2, 3), of ρ to f̂ of the rest after
-    noise: Array  # (k, 2, 2), by the rate's white noise, rad²
-    to_bias: Array  # (k, 2, 3), of ρ to a constant rate error, s
+    to_earth: Array  # (k, 2, 3), ∂(−ρ) to what the earth turns, rad
 
 
 def affine(sensor: Sensor, c: Array) -> Affine:
@@ -89,10 +97,8 @@ def affine(sensor: Sensor, c: Array) -> Affine:
     )
 
 
-def rotations(
-    passages: Passages, sensor: Sensor, c: Array, felt: Array, across: Array, white: Array
-) -> Rotations:
-    """Return the residuals and their derivatives.
+def carried(passages: Passages, sensor: Sensor, c: Array, white: Array) -> Carried:
+    """Return the rotations that the corrected rate makes.
 
     Parameters
     ----------
@@ -101,36 +107,47 @@ def rotations(
         Accelerometers and gyros.
     c : (p,) array
         Coefficients in SI.
-    felt : (r, 3) array
-        f̂ of each rest, m/s².
-    across : (r, 2, 3) array
-        B of each rest.
     white : (3, 3) array
         Covariance of one sample of the rate, (rad/s)².
     """
-    length = np.linalg.norm(felt, axis=-1)
-    up = felt / length[:, None]
-    model = affine(sensor, c)
-    way = passages
+    model, way = affine(sensor, c), passages
     turn, sensitivity, noise = carry(
         way.time, way.output, way.start, way.left, way.reached, way.stop,
         model.back, model.zero, white,
     )  # fmt: skip
-    before, after = way.rest, way.rest + 1
+    to_coefficient = np.einsum("kabq,bqp->kap", sensitivity, model.to_coefficient)
+    return Carried(turn, to_coefficient, sensitivity[..., 6], noise)
+
+
+def rotations(rest: Indices, way: Carried, felt: Array, across: Array, earth: Array) -> Rotations:
+    """Return the residuals and their derivatives.
+
+    Parameters
+    ----------
+    rest : (k,) array of int
+        Where each passage begins.
+    way : Carried
+    felt : (r, 3) array
+        f̂ of each rest, m/s².
+    across : (r, 2, 3) array
+        B of each rest.
+    earth : (k, 3) array
+        What the earth turns in each passage, ω_e T in the body's frame after it, rad.
+    """
+    length = np.linalg.norm(felt, axis=-1)
+    up = felt / length[:, None]
+    before, after = rest, rest + 1
+    e, b = exp_so3(earth), across[after]
+    turn = e @ way.rotation
     arrived = (turn @ up[before][:, :, None])[..., 0]
-    b = across[after]
     # û × ψ = −[ψ×] û = [û×] ψ; ρ loses what the prediction gains.
     ahead = b @ skew(arrived)
-    psi = np.einsum("kabq,bqp->kap", sensitivity, model.to_coefficient)
     return Rotations(
-        rotation=turn,
-        ahead=ahead,
         residual=(b @ (up[after] - arrived)[..., None])[..., 0],
-        to_coefficient=ahead @ psi,
+        ahead=ahead @ e,
         to_before=-b @ turn @ _to_direction(up[before], length[before]),
         to_after=b @ _to_direction(up[after], length[after]),
-        noise=ahead @ noise @ np.swapaxes(ahead, -1, -2),
-        to_bias=-ahead @ sensitivity[..., 6],
+        to_earth=-ahead,
     )
 
 

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.estimate import Estimate, Gaussian, Group, Problem, least_squares
-from inercal.estimate.excess import chi_squared, excess
-from inercal.methods.chain import whitener
+from inercal.estimate.spread import Spread, chi_squared, spread
+from inercal.methods.chain import NORM, RATES, noise, whitener
 from inercal.methods.rests import Rests, Rows, Scatter
 from inercal.sensors import G0
 
@@ -69,14 +69,14 @@ def accelerometers(rests: Rests, priors: Sequence[Gaussian]) -> Stage:
     jacobian = rows.jacobian[:, :p]
     dof = len(rows.residual) - int(np.linalg.matrix_rank(jacobian / rests.force.natural))
 
-    def whiten(v: float, columns: Array) -> Array:
-        return whitener(alone, rows, Scatter(force=v**0.5))(columns)
+    def whiten(force: Spread, columns: Array) -> Array:
+        return whitener(alone, rows, Scatter(force))(columns)
 
-    chi2 = chi_squared(rows.residual, jacobian, lambda a: whiten(0.0, a))
-    scatter = Scatter(force=excess(rows.residual, jacobian, whiten, dof, dof) ** 0.5)
+    chi2 = chi_squared(rows.residual, jacobian, lambda a: whiten(Spread(), a))
+    scatter = Scatter(spread(rows.residual, jacobian, whiten, dof))
     estimate = _fit(alone, free, x, scatter, priors)
     x[free] = estimate.value
-    groups = (_of_norms(rests, alone.rows(x), scatter, chi2, dof, scatter.force),)
+    groups = _groups(alone, alone.rows(x), scatter, [(chi2, dof)])
     whole = rests.start()
     whole[:p], whole[-4] = x[:p], x[p]
     return _stage(rests, estimate, whole, scatter, groups)
@@ -108,39 +108,38 @@ def gyros(rests: Rests, first: Stage, priors: Sequence[Gaussian]) -> Stage:
     at_rest = np.concatenate([still, free[own.size :]])
     residual, jacobian = rows.residual[of_rest], rows.jacobian[of_rest, at_rest]
 
-    def of_rates(v: float, columns: Array) -> Array:
-        noise = rests.rate_noise(Scatter(rate=v**0.5))
-        inverse = np.linalg.inv(np.linalg.cholesky(noise))
+    def of_rates(rate: Spread, columns: Array) -> Array:
+        own = rate.of(rests.noise[:, rests.m :, rests.m :])
+        inverse = np.linalg.inv(np.linalg.cholesky(own))
         return (inverse @ columns.reshape(r, -1, columns.shape[1])).reshape(len(columns), -1)
 
     dof = 3 * r - at_rest.size
-    chi2 = chi_squared(residual, jacobian, lambda a: of_rates(0.0, a))
-    scatter = first.scatter._replace(rate=excess(residual, jacobian, of_rates, dof, dof) ** 0.5)
-    least = chi_squared(residual, jacobian, lambda a: of_rates(scatter.rate**2, a))
-    judged = [(chi2, dof, scatter.rate)]
+    chi2 = chi_squared(residual, jacobian, lambda a: of_rates(Spread(), a))
+    scatter = first.scatter._replace(rate=spread(residual, jacobian, of_rates, dof))
+    least = chi_squared(residual, jacobian, lambda a: of_rates(scatter.rate, a))
+    judged = [(chi2, dof)]
 
     # Without its scatter yet, this fit need not go to the last digit.
     x[free] = _fit(rests, free, x, scatter, priors, norms=False, most=_FEW).value
     rows = rests.rows(x)
     residual, jacobian = rows.residual[r:], rows.jacobian[r:, free]
 
-    def of_turns(v: float, columns: Array) -> Array:
-        whiten = whitener(rests, rows, scatter._replace(turn=v**0.5), norms=False)
+    def of_turns(turn: Spread, columns: Array) -> Array:
+        whiten = whitener(rests, rows, scatter._replace(turn=turn), norms=False)
         return whiten(np.concatenate([np.zeros((r, columns.shape[1])), columns]))
 
     dof = 2 * k - (own.size - still.size)
-    chi2 = chi_squared(residual, jacobian, lambda a: of_turns(0.0, a)) - least
-    more = excess(residual, jacobian, of_turns, least + dof, dof)
-    scatter = scatter._replace(turn=more**0.5)
-    judged.append((max(chi2, 0.0), dof, scatter.turn))
+    chi2 = chi_squared(residual, jacobian, lambda a: of_turns(Spread(), a)) - least
+    hidden = _by_accelerometers(rests, rows, scatter)
+    found = spread(residual, jacobian, of_turns, dof, least, hidden)
+    # What is added to the readings may be more than the rotations need: it tells no share.
+    if found.excess or not (scatter.force.excess or scatter.rate.excess):
+        scatter = scatter._replace(turn=found)
+    judged.append((max(chi2, 0.0), dof))
     fit = _fit(rests, free, x, scatter, priors, norms=False)
     x[free] = fit.value
     rows = rests.rows(x)
-    groups = (
-        *first.groups,
-        _of_rates(rests, rows, scatter, *judged[0]),
-        _of_turns(rests, rows, scatter, *judged[1]),
-    )
+    groups = (*first.groups, *_groups(rests, rows, scatter, [(0.0, 0), *judged])[1:])
     whiten = whitener(rests, rows, scatter, norms=False)
     estimate = _considered(rests, fit, first.estimate, whiten(rows.jacobian))
     return _stage(rests, estimate, x, scatter, groups)
@@ -152,13 +151,8 @@ def together(rests: Rests, last: Stage, priors: Sequence[Gaussian]) -> Stage:
     free = _free(rests, np.arange(len(rests.sensor.coefficients)), beside=4)
     estimate = _fit(rests, free, x, last.scatter, priors)
     x[free] = estimate.value
-    rows = rests.rows(x)
-    norms, rates, turns = last.groups
-    groups = (
-        _of_norms(rests, rows, last.scatter, norms.chi2, norms.dof, norms.excess),
-        _of_rates(rests, rows, last.scatter, rates.chi2, rates.dof, rates.excess),
-        _of_turns(rests, rows, last.scatter, turns.chi2, turns.dof, turns.excess),
-    )
+    judged = [(group.chi2, group.dof) for group in last.groups]
+    groups = _groups(rests, rests.rows(x), last.scatter, judged)
     return _stage(rests, estimate, x, last.scatter, groups)
 
 
@@ -252,6 +246,18 @@ def _considered(rests: Rests, fit: Estimate, first: Estimate, jacobian: Array) -
     )
 
 
+def _by_accelerometers(rests: Rests, rows: Rows, scatter: Scatter) -> float:
+    """Return the accelerometers' part in the rotations' variance, over the gyros' part."""
+
+    def variance(share: float) -> float:
+        found = noise(rests, rows, scatter._replace(turn=Spread(share=share)))
+        own = np.diagonal(found.rests, axis1=1, axis2=2)[:, [0, 1, 6, 7]]
+        return float(own.sum() + np.trace(found.turns, axis1=1, axis2=2).sum())
+
+    gyros = 2 * (variance(1.0) - variance(0.5))
+    return variance(1.0) / gyros - 1
+
+
 def _stage(
     rests: Rests, estimate: Estimate, x: Array, scatter: Scatter, groups: tuple[Group, ...]
 ) -> Stage:
@@ -275,38 +281,25 @@ def _stage(
     return Stage(judged, x, scatter, groups)
 
 
-def _of_norms(
-    rests: Rests, rows: Rows, scatter: Scatter, chi2: float, dof: int, added: float
-) -> Group:
-    to_reading = (rows.norm.up[:, None, :] @ rows.norm.by_reading)[:, 0]
-    noise = rests.noise[:, : rests.m, : rests.m] + scatter.force**2 * np.eye(rests.m)
-    variance = np.einsum("ra,rab,rb->r", to_reading, noise, to_reading)
-    labels = rests.observations.labels
-    residual = rows.norm.residual[:, None]
-    return Group("norms", "m/s²", labels, residual, np.sqrt(variance)[:, None], chi2, dof, added)
-
-
-def _of_rates(
-    rests: Rests, rows: Rows, scatter: Scatter, chi2: float, dof: int, added: float
-) -> Group:
-    labels = rests.observations.labels
-    residual = rows.residual[-3 * len(labels) :].reshape(len(labels), -1)
-    sd = np.sqrt(np.diagonal(rests.rate_noise(scatter), axis1=1, axis2=2))
-    return Group("rates", "rad/s", labels, residual, sd, chi2, dof, added)
-
-
-def _of_turns(
-    rests: Rests, rows: Rows, scatter: Scatter, chi2: float, dof: int, added: float
-) -> Group:
-    assert rests.passages is not None
-    assert rows.turns is not None
-    labels, before = rests.observations.labels, rests.passages.rest
-    names = tuple(f"{labels[k]}–{labels[k + 1]}" for k in before)
-    noise = rests.noise[:, : rests.m, : rests.m] + scatter.force**2 * np.eye(rests.m)
-    felt = np.broadcast_to(rows.norm.by_reading, (len(labels), 3, rests.m))
-    whole = rests.turn_noise(rows.turns, scatter)
-    for to_felt, rest in ((rows.turns.to_before, before), (rows.turns.to_after, before + 1)):
-        way = to_felt @ felt[rest]
-        whole = whole + way @ noise[rest] @ np.swapaxes(way, -1, -2)
-    sd = np.sqrt(np.diagonal(whole, axis1=1, axis2=2))
-    return Group("rotations", "rad", names, rows.turns.residual, sd, chi2, dof, added)
+def _groups(
+    rests: Rests, rows: Rows, scatter: Scatter, judged: Sequence[tuple[float, int]]
+) -> tuple[Group, ...]:
+    """Return each kind of rows with its scatter as stated; `judged` are χ² and ν of each."""
+    labels, r = rests.observations.labels, len(rows.norm.residual)
+    of_rests, of_turns = noise(rests, rows, scatter)
+    variance = np.diagonal(of_rests, axis1=1, axis2=2)
+    kinds = [("norms", "m/s²", labels, rows.norm.residual[:, None], variance[:, [NORM]])]
+    if rows.turns is not None and rests.passages is not None:
+        before = rests.passages.rest
+        ways = tuple(f"{labels[k]}–{labels[k + 1]}" for k in before)
+        arriving, leaving = variance[before + 1, :2], variance[before, 6:]
+        of_ways = arriving + leaving + np.diagonal(of_turns, axis1=1, axis2=2)
+        rates = rows.residual[-3 * r :].reshape(r, 3)
+        kinds.append(("rates", "rad/s", labels, rates, variance[:, RATES]))
+        kinds.append(("rotations", "rad", ways, rows.turns.residual, of_ways))
+    return tuple(
+        Group(name, unit, names, residual, np.sqrt(own), chi2, dof, found)
+        for (name, unit, names, residual, own), (chi2, dof), found in zip(
+            kinds, judged, scatter, strict=False
+        )
+    )

@@ -13,6 +13,7 @@ from io import StringIO
 from typing import Any
 
 import matplotlib
+import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -23,6 +24,9 @@ WARN, PLUS, MINUS, PAPER = "#010a08", "#010a09", "#010a0a", "#010a0b"
 AXES = (X, Y, Z)
 _NAMES = 20  # under an axis, at most: more cannot be read
 SHAPES = ("o", "s", "^")  # for those who do not see the colours, and for black and white prints
+_WIDTH = 9.0  # inches, of a page's figure
+_LEFT, _RIGHT, _ABOVE = 0.75, 0.05, 0.25  # inches, of the room around each of its axes
+LETTER = 0.062  # inches, of a digit at 7 points
 _VARIABLES = {
     INK: "ink", MUTED: "muted", FAINT: "faint", BAND: "band", X: "x", Y: "y", Z: "z",
     WARN: "warn", PLUS: "plus", MINUS: "minus", PAPER: "paper",
@@ -41,7 +45,9 @@ _STYLE: dict[Any, Any] = {  # the stubs list the keys as literals
     "axes.spines.right": False,
     "axes.titlesize": 8.5,
     "axes.titlelocation": "left",
+    "axes.titley": 1.0,  # nothing stands above axes: no need to look for it
     "axes.unicode_minus": True,
+    "axes.formatter.limits": (-3, 5),  # longer numbers would not fit beside the axes
     "xtick.color": MUTED,
     "ytick.color": MUTED,
     "xtick.labelcolor": INK,
@@ -94,15 +100,67 @@ def svg(figure: Figure, name: str, description: str) -> Markup:
 
 
 def _rounded(path: re.Match[str]) -> str:
-    """Return a path's coordinates to 1/100 point."""
-    return re.sub(r"-?\d+\.\d{3,}", lambda number: f"{float(number[0]):.2f}", path[0])
+    """Return a path's coordinates without what is below 1/100 point."""
+    return re.sub(r"(\.\d\d)\d+", r"\1", path[0])
 
 
-def name_positions(axes: Axes, labels: Sequence[str]) -> None:
-    """Put one name under each whole number of the x axis, and a faint line above it."""
-    upright = len(labels) > 10 or max(map(len, labels), default=0) > 7
-    every = -(-len(labels) // _NAMES)
-    axes.set_xticks(range(0, len(labels), every), labels[::every], rotation=90 if upright else 0)
+def panels(
+    height: float, below: Sequence[float], columns: int = 1
+) -> tuple[Figure, list[list[Axes]]]:
+    """Return a figure and its rows of axes.
+
+    All sizes are stated: matplotlib's own layouts draw everything twice more to measure it.
+
+    Parameters
+    ----------
+    height : float
+        Of each axes, inches.
+    below : sequence of float
+        Room under each row, inches.
+    columns : int
+    """
+    total = sum(below) + len(below) * (_ABOVE + height)
+    each = _WIDTH / columns
+    figure = Figure(figsize=(_WIDTH, total))
+    rows: list[list[Axes]] = []
+    foot = total
+    for under in below:
+        foot -= _ABOVE + height
+        size = ((each - _LEFT - _RIGHT) / _WIDTH, height / total)
+        corners = [((_LEFT + k * each) / _WIDTH, foot / total) for k in range(columns)]
+        rows.append([figure.add_axes((*corner, *size)) for corner in corners])
+        foot -= under
+    return figure, rows
+
+
+def room_for(labels: Sequence[str]) -> float:
+    """Return the room that these names of positions, or none, need under their axes, inches."""
+    if not labels:
+        return 0.05
+    return 0.15 + LETTER * 8 / 7 * max(map(len, labels)) if _upright(labels) else 0.25
+
+
+def _upright(labels: Sequence[str]) -> bool:
+    return len(labels) > 10 or max(map(len, labels), default=0) > 7
+
+
+def name_positions(axes: Axes, labels: Sequence[str], *, named: bool = True) -> None:
+    """Put one name under each whole number of the x axis, and a faint line between any two."""
+    axes.set_xticks([])
     axes.set_xlim(-0.6, len(labels) - 0.4)
-    axes.vlines([k + 0.5 for k in range(len(labels) - 1)], 0, 1, FAINT, lw=0.5,
-                transform=axes.get_xaxis_transform())  # fmt: skip
+    between = np.arange(len(labels) - 1) + 0.5
+    axes.plot(np.repeat(between, 3), np.tile([0, 1, np.nan], between.size), color=FAINT, lw=0.5,
+              zorder=1, transform=axes.get_xaxis_transform())  # fmt: skip
+    if not named:
+        return
+    under, top, centre = axes.get_xaxis_text1_transform(4)
+    angle = 90 if _upright(labels) else 0
+    every = -(-len(labels) // _NAMES)
+    # Texts: a tick of matplotlib costs several times as much.
+    for k in range(0, len(labels), every):
+        axes.text(k, 0, labels[k], transform=under, rotation=angle, va=top, ha=centre)
+
+
+def key(axes: Axes) -> None:
+    """Put the legend in one line into the room above the axes, at its right end."""
+    axes.legend(loc="lower right", bbox_to_anchor=(1.01, 0.98), ncols=99, borderpad=0)

@@ -3,13 +3,13 @@
 # pyright: reportUnknownMemberType=false
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
-from matplotlib.collections import PatchCollection
+from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from inercal.estimate import Estimate
@@ -36,39 +36,43 @@ def residuals(outcome: Outcome) -> Markup:
     whitened = outcome.estimate.whitened.reshape(shape)
     plain = outcome.estimate.residual.reshape(shape)
     kinds = [kind for kind in KINDS if any(axis.measures == kind for axis in sensor.axes)]
-    figure = Figure(figsize=(9.0, 4.0), layout="constrained")
-    grid = figure.subplots(2, len(kinds), squeeze=False, sharex=True)
-    for column, kind in enumerate(kinds):
+    figure, (first, second) = drawing.panels(
+        1.65, [drawing.room_for(()), drawing.room_for(labels)], len(kinds)
+    )
+    for upper, lower, kind in zip(first, second, kinds, strict=True):
         members = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind]
         names = [sensor.axes[k].name for k in members]
         title, unit, si = KINDS[kind]
-        upper, lower = grid[0, column], grid[1, column]
         _dots(upper, whitened[:, members], names, band=True)
         _dots(lower, plain[:, members] / si, names, band=False)
-        drawing.name_positions(upper, labels)
+        drawing.name_positions(upper, labels, named=False)
         drawing.name_positions(lower, labels)
         upper.set_title(title)
         upper.set_ylabel("standard deviations")
         lower.set_ylabel(unit)
-        upper.legend(loc="lower right", bbox_to_anchor=(1.01, 0.98), ncols=3, borderpad=0)
+        drawing.key(upper)
     return svg(figure, "residuals", "Residuals of each mean reading, by position and turn")
 
 
 def _residuals_by_group(outcome: Outcome) -> Markup:
     groups = outcome.estimate.groups
-    figure = Figure(figsize=(9.0, 1.2 + 1.9 * len(groups)), layout="constrained")
-    rows = figure.subplots(len(groups), 2, squeeze=False)
-    for (upper, lower), group in zip(rows, groups, strict=True):
+    named = [group.labels != below.labels for group, below in pairwise(groups)] + [True]
+    rooms = [
+        drawing.room_for(group.labels if has else ())
+        for group, has in zip(groups, named, strict=True)
+    ]
+    figure, rows = drawing.panels(1.65, rooms, 2)
+    for (left, right), group, has in zip(rows, groups, named, strict=True):
         unit, si = _GROUP_UNITS[group.unit]
         parts = _COMPONENTS[group.residual.shape[1]]
-        _dots(upper, group.residual / group.sd, parts, band=True)
-        _dots(lower, group.residual / si, parts, band=False)
-        for axes, words in ((upper, "standard deviations"), (lower, unit)):
-            drawing.name_positions(axes, group.labels)
+        _dots(left, group.residual / group.sd, parts, band=True)
+        _dots(right, group.residual / si, parts, band=False)
+        for axes, words in ((left, "standard deviations"), (right, unit)):
+            drawing.name_positions(axes, group.labels, named=has)
             axes.set_ylabel(words)
-        upper.set_title(group.name)
+        left.set_title(group.name)
         if len(parts) > 1:
-            upper.legend(loc="lower right", bbox_to_anchor=(1.01, 0.98), ncols=3, borderpad=0)
+            drawing.key(left)
     return svg(figure, "residuals", "Residuals of norms, rates and rotations, by rest")
 
 
@@ -86,8 +90,7 @@ def departures(pulls: Mapping[str, Sequence[tuple[str, float]]]) -> Markup:
     for row, found in enumerate(pulls.values()):
         for name, pull in found:
             table[row, names.index(name)] = pull
-    figure = Figure(figsize=(9.0, 2.4), layout="constrained")
-    axes = figure.subplots()
+    figure, ((axes,),) = drawing.panels(1.8, [drawing.room_for(list(pulls))])
     _band(axes, table)
     place = np.full(table.shape, np.nan)
     for row, found in enumerate(pulls.values()):
@@ -101,7 +104,7 @@ def departures(pulls: Mapping[str, Sequence[tuple[str, float]]]) -> Markup:
                   ls="none", label=name)  # fmt: skip
     drawing.name_positions(axes, list(pulls))
     axes.set_ylabel("standard deviations")
-    axes.legend(loc="lower right", bbox_to_anchor=(1.01, 0.99), ncols=len(names), borderpad=0)
+    drawing.key(axes)
     return svg(figure, "departures", "What the fit found about the bench, against what was stated")
 
 
@@ -132,28 +135,24 @@ def correlations(estimate: Estimate) -> Markup:
     p = len(names)
     matrix = estimate.select(names).correlation
     size = max(4.6, 0.215 * p)
-    figure = Figure(figsize=(size + 0.7, size), layout="constrained")
-    axes = figure.subplots()
-    cells: list[Rectangle] = []
-    colours: list[str] = []
-    strengths: list[float] = []
-    for row in range(1, p):
-        for column in range(row):
-            r = float(matrix[row, column])
-            cells.append(Rectangle((column - 0.46, row - 0.46), 0.92, 0.92))
-            colours.append(PLUS if r > 0 else MINUS)
-            strengths.append(min(abs(r), 1.0))
-            if p <= _FEW and abs(r) >= 0.05:
-                axes.text(column, row, f"{r:.2f}".replace("-", "−").replace("0.", "."),
-                          ha="center", va="center", fontsize=6,
-                          color=PAPER if abs(r) > 0.6 else INK)  # fmt: skip
-    _squares(axes, cells, colours, strengths)
-    axes.scatter(range(p), range(p), s=4, c=FAINT)
-    axes.set_xticks(range(p), names, rotation=90, fontsize=7)
-    axes.set_yticks(range(p), names, fontsize=7)
-    axes.set(xlim=(-0.6, p - 0.4), ylim=(p - 0.4, -0.6), aspect="equal")
-    axes.tick_params(length=0)
-    axes.spines[["left", "bottom"]].set_visible(False)
+    room = 0.15 + drawing.LETTER * max(map(len, names))
+    figure = Figure(figsize=(size + room, size + room))
+    share = size / (size + room)
+    axes = figure.add_axes((1 - share, 1 - share, share, share))
+    axes.set(xlim=(-0.6, p - 0.4), ylim=(p - 0.4, -0.6))
+    axes.axis("off")
+    below = [(column, row) for row in range(p) for column in range(row)]
+    strengths = [float(matrix[row, column]) for column, row in below]
+    _squares(axes, below, strengths)
+    for (column, row), r in zip(below, strengths, strict=True):
+        if p <= _FEW and abs(r) >= 0.05:
+            axes.text(column, row, f"{r:.2f}".replace("-", "−").replace("0.", "."),
+                      ha="center", va="center", fontsize=6,
+                      color=PAPER if abs(r) > 0.6 else INK)  # fmt: skip
+    axes.plot(range(p), range(p), "o", ms=2, color=FAINT)
+    for k, name in enumerate(names):
+        axes.text(k, p - 0.3, name, rotation=90, ha="center", va="top", fontsize=7)
+        axes.text(-0.7, k, name, ha="right", va="center", fontsize=7)
     owners = [name.partition(".")[0] for name in names]
     for k in range(1, p):
         if owners[k] != owners[k - 1]:
@@ -165,19 +164,17 @@ def correlations(estimate: Estimate) -> Markup:
 def _key(axes: Axes) -> None:
     """Draw the scale of the shades into the empty upper triangle."""
     key = axes.inset_axes((0.62, 0.9, 0.36, 0.035))
-    steps = np.linspace(-1, 1, 9)
-    cells = [Rectangle((k - 0.46, 0), 0.92, 1) for k in range(steps.size)]
-    _squares(key, cells, [PLUS if r > 0 else MINUS for r in steps], np.abs(steps).tolist())
-    key.set(xlim=(-0.5, 8.5), ylim=(0, 1), yticks=[])
-    key.set_xticks([0, 2, 4, 6, 8], ["−1", "−½", "0", "+½", "+1"])
-    key.tick_params(length=0)
-    key.spines[["left", "bottom"]].set_visible(False)
-    key.set_title("correlation", fontsize=8, color=INK)
+    _squares(key, [(k, 0) for k in range(9)], np.linspace(-1, 1, 9).tolist())
+    key.set(xlim=(-0.5, 8.5), ylim=(-0.5, 0.5))
+    key.axis("off")
+    for k, text in zip((0, 2, 4, 6, 8), ("−1", "−½", "0", "+½", "+1"), strict=True):
+        key.text(k, -0.7, text, ha="center", va="top")
+    key.text(-0.5, 0.8, "correlation")
 
 
-def _squares(
-    axes: Axes, cells: Sequence[Rectangle], colours: Sequence[str], strengths: Sequence[float]
-) -> None:
-    """Fill cells; those without strength show the page, light or dark."""
-    shades = list(zip(colours, strengths, strict=True))
-    axes.add_collection(PatchCollection(cells, facecolors=shades, edgecolors=BAND, linewidths=0.3))
+def _squares(axes: Axes, cells: Sequence[tuple[int, int]], strengths: Sequence[float]) -> None:
+    """Fill cells by their correlations; where there is none, the page shows, light or dark."""
+    square = 0.46 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    shades = [(PLUS if r > 0 else MINUS, min(abs(r), 1.0)) for r in strengths]
+    corners = [square + cell for cell in cells]
+    axes.add_collection(PolyCollection(corners, facecolors=shades, edgecolors=BAND, linewidths=0.3))

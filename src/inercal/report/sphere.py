@@ -75,8 +75,8 @@ def missing_faces(found: list[Attitude]) -> list[str]:
 @drawing.style
 def sphere(found: list[Attitude], side: int) -> Markup:
     """Return the sphere of body directions, seen from +x +y +z (side 1) or opposite (−1)."""
-    figure = Figure(figsize=(4.2, 4.2), layout="constrained")
-    axes = figure.subplots()
+    figure = Figure(figsize=(4.2, 4.4))
+    axes = figure.add_axes((0, 0, 1, 4.2 / 4.4))
     view = side * _VIEW
     right = np.cross([0.0, 0.0, 1.0], view)
     right /= np.linalg.norm(right)
@@ -106,7 +106,7 @@ def sphere(found: list[Attitude], side: int) -> Markup:
                               ha="center", color=INK)  # fmt: skip
         else:
             _turn(axes, attitude, attitude.step.angle, screen)
-    axes.set(xlim=(-1.12, 1.12), ylim=(-1.12, 1.12), aspect="equal")
+    axes.set(xlim=(-1.12, 1.12), ylim=(-1.12, 1.12))
     axes.axis("off")
     seen = "+x +y +z" if side > 0 else "−x −y −z"
     axes.set_title(f"seen from {seen}", loc="center")

@@ -21,7 +21,6 @@ from inercal.sensors import Sensor
 
 Array = NDArray[np.float64]
 POINTS = 2400  # of each channel, at most
-_LETTER = 0.055  # inches, of a section's name
 
 
 def envelope(recording: Recording, column: int) -> tuple[Array, Array]:
@@ -47,13 +46,22 @@ def envelope(recording: Recording, column: int) -> tuple[Array, Array]:
     return np.insert(time, broken, time[broken]), np.insert(y[kept], broken, np.nan)
 
 
+def _stack(height: float, count: int, seconds: float) -> tuple[Figure, list[Axes]]:
+    """Return a figure and its axes, one above the other over the same time."""
+    figure, rows = drawing.panels(height, [*[0.0] * (count - 1), 0.45])
+    for (axes,) in rows:
+        axes.set_xlim(-0.01 * seconds, 1.01 * seconds)
+        axes.tick_params(labelbottom=axes is rows[-1][0])
+    rows[-1][0].set_xlabel("time from the first sample, s")
+    return figure, [axes for (axes,) in rows]
+
+
 @drawing.style
 def traces(outcome: Outcome, recording: Recording) -> Markup:
     """Return the signals by kind of axis, sections shaded, the audit's ranges marked."""
     sensor = outcome.calibration.sensor
     kinds = [kind for kind in KINDS if any(axis.measures == kind for axis in sensor.axes)]
-    figure = Figure(figsize=(9.0, 0.8 + 1.9 * len(kinds)), layout="constrained")
-    rows = figure.subplots(len(kinds), 1, squeeze=False, sharex=True)[:, 0]
+    figure, rows = _stack(1.6, len(kinds), recording.duration)
     for axes, kind in zip(rows, kinds, strict=True):
         names = [axis.name for axis in sensor.axes if axis.measures == kind]
         for k, name in enumerate(names):
@@ -62,12 +70,10 @@ def traces(outcome: Outcome, recording: Recording) -> Markup:
             axes.plot(time, y, color=AXES[k % 3], lw=0.7, label=name)
         title = KINDS[kind][0].lower()
         axes.set_ylabel(f"{title}, {recording.units[recording.channels.index(names[0])]}")
-        axes.legend(loc="lower right", bbox_to_anchor=(1.01, 0.98), ncols=3, borderpad=0)
+        drawing.key(axes)
         _shade(axes, outcome, recording)
         _mark(axes, outcome, recording, names)
-        axes.margins(x=0.01)
     _name(rows[0], outcome, recording)
-    rows[-1].set_xlabel("time from the first sample, s")
     return svg(figure, "traces", "Recorded signals with the marked sections")
 
 
@@ -114,10 +120,10 @@ def _name(axes: Axes, outcome: Outcome, recording: Recording) -> None:
     where = [start + length / 2 for start, length in spans]
     inches = 8.2 * np.diff(sorted(where)) / max(recording.duration, 1e-9)
     longest = max(len(mark.label) for mark in marks)
-    upright = bool((inches < _LETTER * (longest + 2)).any())
+    upright = bool((inches < drawing.LETTER * (longest + 2)).any())
     for mark, x in zip(marks, where, strict=True):
-        axes.annotate(mark.label, (x, 0.97), xycoords=axes.get_xaxis_transform(), ha="center",
-                      va="top", rotation=90 if upright else 0, fontsize=7, color=MUTED)  # fmt: skip
+        axes.text(x, 0.97, mark.label, transform=axes.get_xaxis_transform(), ha="center", va="top",
+                  rotation=90 if upright else 0, fontsize=7, color=MUTED)  # fmt: skip
     low, high = axes.get_ylim()
     room = 0.12 if not upright else 0.06 + 0.045 * longest
     axes.set_ylim(low, high + room * (high - low))
@@ -126,8 +132,7 @@ def _name(axes: Axes, outcome: Outcome, recording: Recording) -> None:
 @drawing.style
 def scatters(recording: Recording, sensor: Sensor, rests: Rests) -> Markup:
     """Return what rests were found by: the scatter over time, with the thresholds that it met."""
-    figure = Figure(figsize=(9.0, 0.8 + 1.5 * len(rests.levels)), layout="constrained")
-    rows = figure.subplots(len(rests.levels), 1, squeeze=False, sharex=True)[:, 0]
+    figure, rows = _stack(1.3, len(rests.levels), recording.duration)
     stretch = -(-recording.time.size // POINTS)
     starts = np.arange(0, recording.time.size, stretch)
     time = recording.time[starts] - recording.time[0]
@@ -139,10 +144,8 @@ def scatters(recording: Recording, sensor: Sensor, rests: Rests) -> Markup:
             axes.axhline(level.threshold, color=WARN, lw=0.8)
         axes.set_yscale("log")
         axes.yaxis.set_major_formatter("{x:g}")
-        axes.yaxis.set_minor_formatter("")
+        axes.minorticks_off()
         axes.set_ylabel(f"{KINDS[level.kind][0].lower()}, {level.unit}")
         axes.broken_barh(_ranges(spans, recording), (0, 1), fc=BAND, ec=FAINT, lw=0.5, zorder=0,
                          transform=axes.get_xaxis_transform())  # fmt: skip
-        axes.margins(x=0.01)
-    rows[-1].set_xlabel("time from the first sample, s")
     return svg(figure, "scatters", "Scatter over half a second, with the thresholds of rest")

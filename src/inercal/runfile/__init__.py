@@ -5,8 +5,9 @@ names the file, the key and what is possible there.
 """
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property, partial
 from hashlib import sha256
 from inspect import signature
 from pathlib import Path
@@ -52,8 +53,8 @@ class Run:
     data : DataSection
     method : Method
     estimator : str
-    steps : tuple of Step
-        The nominal plan.
+    plan : callable
+        Gives the nominal plan.
     priors : tuple of Gaussian
     rate_hz : float or None
     time_offset : bool
@@ -68,10 +69,21 @@ class Run:
     data: DataSection
     method: Method
     estimator: str
-    steps: tuple[Step, ...]
+    plan: Callable[[], tuple[Step, ...]]
     priors: tuple[Gaussian, ...]
     rate_hz: float | None
     time_offset: bool = False
+
+    @cached_property
+    def steps(self) -> tuple[Step, ...]:
+        """The nominal plan. One by hand is only designed where it is asked for.
+
+        Raises
+        ------
+        InputError
+            No plan with what the run file says of it.
+        """
+        return self.plan()
 
     def file(self, name: str) -> Path:
         """Return the path of a file named in the run file."""
@@ -121,7 +133,7 @@ def _build(path: Path, digest: str, schema: RunSchema) -> Run:
     chosen = method(schema.method.name)
     whole = build_sensor(schema.sensor)
     part = chosen.prepare(whole, schema.method.coefficients, schema.method.also)
-    steps = _plan(chosen, schema.method)
+    plan = _plan(chosen, schema.method)
     chosen.estimator(schema.method.estimator)
     priors: list[Gaussian] = []
     for name, text in schema.method.prior.items():
@@ -153,15 +165,15 @@ def _build(path: Path, digest: str, schema: RunSchema) -> Run:
         data=schema.data,
         method=chosen,
         estimator=schema.method.estimator or next(iter(chosen.estimators)),
-        steps=steps,
+        plan=plan,
         priors=tuple(priors),
         rate_hz=rate,
         time_offset=schema.method.time_offset,
     )
 
 
-def _plan(chosen: Method, section: MethodSection) -> tuple[Step, ...]:
-    """Return the method's nominal steps with what the section says of them."""
+def _plan(chosen: Method, section: MethodSection) -> Callable[[], tuple[Step, ...]]:
+    """Return the method's plan with what the section says of it."""
     possible = signature(chosen.plan).parameters
     options: dict[str, float] = {}
     for key, like, option in _PLAN:
@@ -176,7 +188,7 @@ def _plan(chosen: Method, section: MethodSection) -> tuple[Step, ...]:
         if value == 0 or (like != "°" and value < 0):
             raise InputError(f"[method] {key}: {given!r} must be positive" + _SENSE * (like == "°"))
         options[option] = value
-    return chosen.plan(**options)
+    return partial(chosen.plan, **options)
 
 
 def _first(error: ValidationError) -> str:

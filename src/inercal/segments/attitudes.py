@@ -1,7 +1,9 @@
 """Rests without a plan: which of the marks can be used, and in which attitude each was."""
 
+from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import accumulate
 
 import numpy as np
 
@@ -31,10 +33,9 @@ def unflawed(
     """
     kept: list[Mark] = []
     findings: list[Finding] = []
-    for mark in sorted(marks, key=lambda mark: mark.start):
-        flaw = next(
-            (f for f in flaws(recording, sensor) if touches(f, mark.start, mark.stop)), None
-        )
+    ordered = sorted(marks, key=lambda mark: mark.start)
+    spoilt = flaws(recording, sensor, [(mark.start, mark.stop) for mark in ordered])
+    for mark, flaw in zip(ordered, spoilt, strict=True):
         if flaw is None:
             kept.append(mark)
             continue
@@ -45,20 +46,29 @@ def unflawed(
     return tuple(kept), tuple(findings)
 
 
-def flaws(recording: Recording, sensor: Sensor) -> list[Finding]:
-    """Return the findings of saturated or stuck samples of the sensor's channels."""
-    return [
-        finding
-        for finding in recording.findings
+def flaws(
+    recording: Recording, sensor: Sensor, ranges: Sequence[tuple[int, int]]
+) -> list[Finding | None]:
+    """Return for each range of samples (half open) a finding of saturated or stuck ones in it.
+
+    None where the sensor's channels have none there. A long recording may have as many findings
+    as ranges: they are sorted once, not searched for each.
+    """
+    found = sorted(
+        (finding.start, finding.stop, k)
+        for k, finding in enumerate(recording.findings)
         if finding.what in FLAWS and finding.channel in (None, *sensor.channels)
-    ]
-
-
-def touches(finding: Finding, start: int, stop: int) -> bool:
-    """Return whether a finding concerns samples start to stop (half open)."""
-    if finding.start is None or finding.stop is None:
-        return False
-    return finding.start < stop and finding.stop > start
+        if finding.start is not None and finding.stop is not None
+    )
+    begins = [start for start, _, _ in found]
+    # Of those that begin before a range ends, the one that ends last is in it if any is.
+    lasting = list(accumulate(((stop, k) for _, stop, k in found), max))
+    spoilt: list[Finding | None] = []
+    for start, stop in ranges:
+        begun = bisect_left(begins, stop)
+        end, k = lasting[begun - 1] if begun else (start, 0)
+        spoilt.append(recording.findings[k] if end > start else None)
+    return spoilt
 
 
 def held(observations: Observations, sensor: Sensor) -> tuple[Hold, ...]:

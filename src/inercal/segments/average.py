@@ -15,6 +15,7 @@ from inercal.errors import InputError
 from inercal.plan import Hold, Step, Turn
 from inercal.recording import Mark, Observations, Recording
 from inercal.segments.drift import drift_covariance
+from inercal.segments.tremor import without_tremor
 from inercal.sensors import Sensor
 from inercal.uncertainty import BATCHES, pooled_mean_covariances
 
@@ -25,7 +26,12 @@ _FREEDOM = 114  # degrees of freedom behind the noise: those of six positions of
 
 
 def observe(
-    recording: Recording, sensor: Sensor, marks: Sequence[Mark], steps: Sequence[Step]
+    recording: Recording,
+    sensor: Sensor,
+    marks: Sequence[Mark],
+    steps: Sequence[Step],
+    *,
+    by_hand: bool = False,
 ) -> Observations:
     """Return one row for each step that is marked, in the order of `steps`.
 
@@ -36,6 +42,9 @@ def observe(
         Its axes name the channels that are used; its readout gives SI.
     marks : sequence of Mark
     steps : sequence of Step
+    by_hand : bool
+        The sensor trembles: the accelerometers' noise is judged along gravity
+        (`inercal.segments.tremor`). Without a trial axis.
 
     Raises
     ------
@@ -68,6 +77,8 @@ def observe(
     of_holds, dof = pooled_mean_covariances(map(section, holds), batches)
     samples = np.array([by_label[step.label].stop - by_label[step.label].start for step in used])
     density = of_holds[0] * samples[used.index(holds[0])]
+    if by_hand:
+        density = without_tremor(density, sensor, map(section, holds))
     coarse = _quantisation(recording.data, columns, sensor, scatter)
     ranges = [(by_label[step.label].start, by_label[step.label].stop) for step in used]
     durations = np.array([recording.span(*limits) for limits in ranges])

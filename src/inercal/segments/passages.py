@@ -4,7 +4,7 @@ A hand at rest trembles, and a rest is known by its mean attitude. The rotation 
 attitudes is the rate integrated with a weight that rises from 0 to 1 across the rest before, stays
 1 on the way and falls to 0 across the rest after: to first order in the wobble, the mean over a
 rest of what is left to turn. Of long rests only the part next to the way is weighed, since there
-the gyro's noise would outgrow the wobble.
+the gyro's noise would outgrow the wobble. A shorter part of a short one would leave a hand's sway.
 """
 
 from collections.abc import Sequence
@@ -12,11 +12,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from inercal.recording import Mark, Passages, Recording
-from inercal.segments.attitudes import flaws, touches
+from inercal.segments.attitudes import flaws
 from inercal.sensors import Sensor
 
-# s of a rest that are weighed: a hand's sway; longer costs more in noise than it takes away.
-WOBBLE = 1.0
+# s of a rest that are weighed: a hand's sway takes some 3 s, and the noise of a weighed rest costs
+# little, since it is also in the rest's mean rate.
+WOBBLE = 5.0
 
 
 def between_rests(recording: Recording, sensor: Sensor, marks: Sequence[Mark]) -> Passages:
@@ -43,11 +44,9 @@ def between_rests(recording: Recording, sensor: Sensor, marks: Sequence[Mark]) -
     # The number of the last gap before a sample tells whether one lies between two samples.
     last_gap = np.searchsorted(recording.gaps[:, 0], np.stack([start, stop]))
     whole_way = last_gap[0] == last_gap[1]
-    spoilt = [
-        any(touches(flaw, a, b + 1) for flaw in flaws(recording, sensor.only("w")))
-        for a, b in zip(start.tolist(), stop.tolist(), strict=True)
-    ]
-    kept = np.flatnonzero(whole_way & ~np.array(spoilt, dtype=np.bool_))
+    ways = list(zip(start.tolist(), (stop + 1).tolist(), strict=True))
+    clean = [flaw is None for flaw in flaws(recording, sensor.only("w"), ways)]
+    kept = np.flatnonzero(whole_way & np.array(clean, dtype=np.bool_))
     return Passages(
         time=recording.time,
         output=recording.data if in_place else recording.data[:, columns],

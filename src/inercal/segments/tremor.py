@@ -1,0 +1,79 @@
+"""The accelerometers' noise under a hand that trembles.
+
+A wobble θ moves gravity across the axes by g θ, and its batch means would count as noise. The mean
+attitude of a rest is what its mean reading says, so the wobble is no error of it; and along gravity
+nothing moves to first order. The scatter of that part alone, over rests in many attitudes, gives
+each axis its noise: with w the part of each axis along gravity at rest i and d the axes' densities
+
+    D_i = Σ_a w_ia² d_a
+
+solved by non-negative least squares with weights 1/D_i², the variance of a variance.
+
+The push of a tremor has a mean that falls with a section's length, faster than noise. D_i is the
+density at zero frequency by Welch's method (1967, IEEE Trans. AU-15, 70–73): means over overlapping
+halves under a Hann window, by which a tremor above some Hz does not leak in.
+"""
+
+# SciPy has no stubs.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from inercal.sensors import Sensor, inverse
+
+Array = NDArray[np.float64]
+_WINDOWS = 7  # in a rest
+_ROUNDS = 5  # of weighting; the third changes a per cent
+_LEAST = 0.05  # of the mean density: fewer rests than axes along gravity leave some unseen
+
+
+def without_tremor(density: Array, sensor: Sensor, sections: Iterable[Array]) -> Array:
+    """Return the noise density with the accelerometers' replaced by what is seen along gravity.
+
+    Parameters
+    ----------
+    density : (m, m) array
+        By batch means of all channels, SI² times samples.
+    sensor : Sensor
+        Its accelerometers come first.
+    sections : iterable of (n, m) arrays
+        Rests, SI.
+    """
+    force = sensor.only("f")
+    a = len(force.axes)
+    back = inverse(Sensor(force.name, force.axes), np.eye(a), np.zeros(0)).f
+    found: list[float] = []
+    parts: list[Array] = []
+    for section in sections:
+        up = section[:, :a].mean(axis=0) @ back
+        part = back @ up / float(np.linalg.norm(up))
+        found.append(_density(section[:, :a] @ part))
+        parts.append(part**2)
+    seen, by_axis = np.array(found), np.array(parts)
+    if not seen.any():
+        return density
+    own = np.full(a, float(seen.mean()))
+    for _ in range(_ROUNDS):
+        weight = 1 / (by_axis @ own)
+        own, _residual = nnls(by_axis * weight[:, None], seen * weight)
+        own = np.maximum(own, _LEAST * float(seen.mean()))
+    replaced = density.copy()
+    replaced[:a, :], replaced[:, :a] = 0.0, 0.0
+    replaced[:a, :a] = np.diag(own)
+    return replaced
+
+
+def _density(y: Array) -> float:
+    """Return the density of (n,) samples at zero frequency, their mean apart."""
+    hop = max(y.size // (_WINDOWS + 1), 2)
+    starts = np.arange(0, y.size - 2 * hop + 1, hop)
+    window = np.hanning(2 * hop + 1)[:-1]
+    weight = window / window.sum()
+    means = np.array([weight @ y[start : start + 2 * hop] for start in starts.tolist()])
+    # Neighbours share half their samples, and are correlated by 1/6.
+    shared = 1 - 1 / (3 * means.size)
+    return float(means.var(ddof=1)) / (float(weight @ weight) * shared)

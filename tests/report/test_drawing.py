@@ -1,0 +1,62 @@
+"""Figures whose sizes are stated: what is written stays inside them and apart."""
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+
+from inercal.report import drawing
+
+NAMES = (
+    ("x_p", "x_a", "y_p"),
+    ("r01–r02", "r02–r03", "r03–r04"),
+    tuple(f"position {k}" for k in range(38)),
+    ("20260131", "level plate, second mounting"),
+)
+
+
+@drawing.style
+def drawn(names: tuple[str, ...], values: np.ndarray) -> list[Axes]:
+    figure, rows = drawing.panels(1.6, [drawing.room_for(()), drawing.room_for(names)], 2)
+    for row, named in zip(rows, (False, True), strict=True):
+        for axes in row:
+            axes.plot(np.linspace(0, len(names) - 1, values.size), values, label="across 1")
+            axes.set_ylabel("standard deviations")
+            axes.set_title("rotations")
+            drawing.key(axes)
+            drawing.name_positions(axes, names, named=named)
+    figure.draw_without_rendering()
+    return figure.axes
+
+
+def assert_inside_and_apart(panels: list[Axes]):
+    boxes = [axes.get_tightbbox() for axes in panels]
+    for k, box in enumerate(boxes):
+        figure = panels[k].figure.bbox
+        assert box is not None
+        assert box.x0 >= figure.x0 - 0.5
+        assert box.y0 >= figure.y0 - 0.5
+        assert box.x1 <= figure.x1 + 3.0  # legends end a little right of their axes
+        assert box.y1 <= figure.y1
+    for first, second in ((0, 1), (2, 3)):
+        left, right = boxes[first], boxes[second]
+        assert left is not None
+        assert right is not None
+        assert left.x1 <= right.x0 + 3.0
+
+
+@pytest.mark.parametrize("names", NAMES)
+def test_names_of_positions_stay_inside_the_figure(names: tuple[str, ...]):
+    assert_inside_and_apart(drawn(names, np.array([-1.0, 1.0])))
+
+
+@pytest.mark.parametrize("size", [3e-7, 4.4e-5, 2.5e-3, 0.25, 2.5, 3.3e4, 9.9e4, 8.4e6, 1e12])
+@pytest.mark.parametrize("around", [0.0, 1.0, 1e4])
+def test_numbers_of_any_size_fit_beside_the_axes(size: float, around: float):
+    values = size * (around + np.linspace(-1, 1, 7))
+    assert_inside_and_apart(drawn(NAMES[0], values))
+
+
+def test_no_more_names_are_written_than_can_be_read():
+    lower = drawn(NAMES[2], np.zeros(2))[2]
+    assert len(lower.texts) <= 20
+    assert lower.texts[0].get_text() == NAMES[2][0]
