@@ -46,6 +46,11 @@ class Scatter(NamedTuple):
     rate: Spread = Spread()
     turn: Spread = Spread()
 
+    @property
+    def shares(self) -> "Scatter":
+        """Without what is added."""
+        return Scatter(*(Spread(share=found.share) for found in self))
+
 
 class Rows(NamedTuple):
     """All rows at one x = (c, g, ω_e)."""

@@ -106,7 +106,7 @@ def gyros(rests: Rests, first: Stage, priors: Sequence[Gaussian]) -> Stage:
     ]
     rows = rests.rows(x)
     at_rest = np.concatenate([still, free[own.size :]])
-    residual, jacobian = rows.residual[of_rest], rows.jacobian[of_rest, at_rest]
+    at_rest_rows = rows.residual[of_rest], rows.jacobian[of_rest, at_rest]
 
     def of_rates(rate: Spread, columns: Array) -> Array:
         own = rate.of(rests.noise[:, rests.m :, rests.m :])
@@ -114,9 +114,9 @@ def gyros(rests: Rests, first: Stage, priors: Sequence[Gaussian]) -> Stage:
         return (inverse @ columns.reshape(r, -1, columns.shape[1])).reshape(len(columns), -1)
 
     dof = 3 * r - at_rest.size
-    chi2 = chi_squared(residual, jacobian, lambda a: of_rates(Spread(), a))
-    scatter = first.scatter._replace(rate=spread(residual, jacobian, of_rates, dof))
-    least = chi_squared(residual, jacobian, lambda a: of_rates(scatter.rate, a))
+    chi2 = chi_squared(*at_rest_rows, lambda a: of_rates(Spread(), a))
+    scatter = first.scatter._replace(rate=spread(*at_rest_rows, of_rates, dof))
+    least = chi_squared(*at_rest_rows, lambda a: of_rates(scatter.rate, a))
     judged = [(chi2, dof)]
 
     # Without its scatter yet, this fit need not go to the last digit.
@@ -124,17 +124,26 @@ def gyros(rests: Rests, first: Stage, priors: Sequence[Gaussian]) -> Stage:
     rows = rests.rows(x)
     residual, jacobian = rows.residual[r:], rows.jacobian[r:, free]
 
-    def of_turns(turn: Spread, columns: Array) -> Array:
-        whiten = whitener(rests, rows, scatter._replace(turn=turn), norms=False)
+    dof = 2 * k - (own.size - still.size)
+
+    def of_turns(known: Scatter, columns: Array) -> Array:
+        whiten = whitener(rests, rows, known, norms=False)
         return whiten(np.concatenate([np.zeros((r, columns.shape[1])), columns]))
 
-    dof = 2 * k - (own.size - still.size)
-    chi2 = chi_squared(residual, jacobian, lambda a: of_turns(Spread(), a)) - least
-    hidden = _by_accelerometers(rests, rows, scatter)
-    found = spread(residual, jacobian, of_turns, dof, least, hidden)
-    # What is added to the readings may be more than the rotations need: it tells no share.
-    if found.excess or not (scatter.force.excess or scatter.rate.excess):
-        scatter = scatter._replace(turn=found)
+    def turns_beside(known: Scatter, besides: float) -> Spread:
+        def whiten(turn: Spread, columns: Array) -> Array:
+            return of_turns(known._replace(turn=turn), columns)
+
+        hidden = _by_accelerometers(rests, rows, known)
+        return spread(residual, jacobian, whiten, dof, besides, hidden)
+
+    chi2 = chi_squared(residual, jacobian, lambda a: of_turns(scatter, a)) - least
+    found = turns_beside(scatter, least)
+    if scatter != scatter.shares and not found.excess:
+        # What is added to the readings may be more than the rotations need: it tells no share.
+        least = chi_squared(*at_rest_rows, lambda a: of_rates(scatter.shares.rate, a))
+        found = Spread(share=turns_beside(scatter.shares, least).share)
+    scatter = scatter._replace(turn=found)
     judged.append((max(chi2, 0.0), dof))
     fit = _fit(rests, free, x, scatter, priors, norms=False)
     x[free] = fit.value
