@@ -12,7 +12,8 @@ from tests.accuracy.handheld import Session, record
 
 from inercal.errors import InputError
 from inercal.recording import Recording
-from inercal.segments.rests import Rests, find_rests, scatter
+from inercal.segments.levels import scatter
+from inercal.segments.rests import Rests, find_rests
 from inercal.sensors import G0, Noise, Readout, Sensor, imu, triad
 
 Array = NDArray[np.float64]

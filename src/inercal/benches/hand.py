@@ -15,11 +15,10 @@ in a calibration. Ω is earth's rate, φ latitude, T the turn's duration by the 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from math import pi, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from inercal.earth import EARTH_RATE, earth_rate_up_north
 from inercal.parameters import Parameter
@@ -113,14 +112,13 @@ class Hand:
         return found
 
 
-@cache
-def across(up: tuple[float, float, float]) -> Array:
-    """Return d₁, d₂, (2, 3): unit vectors with d₁ × d₂ = up (a unit vector)."""
+def across(up: ArrayLike) -> Array:
+    """Return d₁, d₂, (..., 2, 3): unit vectors with d₁ × d₂ = up, (..., 3), of unit length."""
     vertical = np.asarray(up, dtype=float)
-    helper = np.eye(3)[np.argmin(np.abs(vertical))]
-    first = np.cross(helper, vertical)
-    first /= np.linalg.norm(first)
-    return np.stack([first, np.cross(vertical, first)])
+    helper = np.eye(3)[np.argmin(np.abs(vertical), axis=-1)]
+    first: Array = np.asarray(np.cross(helper, vertical), dtype=float)
+    first /= np.linalg.norm(first, axis=-1, keepdims=True)
+    return np.stack([first, np.cross(vertical, first)], axis=-2)
 
 
 def tilted(up: tuple[float, float, float], t: Array) -> tuple[Array, Array]:

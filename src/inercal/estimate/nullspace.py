@@ -89,6 +89,9 @@ def _structure(system: System, point: Point, prior_rows: Array) -> Structure:
         n = int(np.sum(size > _NOTHING))
         left, along, beside = left[:, :n], right[:n].T / size[:n], right[n:].T
 
+    if len(rows) > rows.shape[1]:
+        # The triangle R of rows = Q R has the same null space and singular values.
+        rows = np.linalg.qr(rows, mode="r")
     q, s, v = np.linalg.svd(rows @ beside)
     # The rows of a wide prior are weak but real, so only rounding counts as nothing here.
     n = int(np.sum(s > 1e-14 * np.max(s, initial=0.0)))

@@ -18,20 +18,23 @@ Source: Paule and Mandel 1982, J. Research NBS 87, 377–385, equations 8 to 10,
 mean; here for any linear model. χ² falls with v and with s, so there is one root or none.
 """
 
-# pyright: reportMissingTypeStubs=false
+# SciPy has no stubs.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 from scipy.special import chdtri
 
 Array = NDArray[np.float64]
 _LEVEL = 0.95
 _CALM = 0.99  # a share taken by chance would state too little
 _FEW = 8  # degrees of freedom that cannot tell a share
-_HALVINGS = 30  # of a factor of 2²⁰: the root to 1e-7 of itself
+_LEAST = -20 * np.log(2.0)  # of the logarithm of a variance, beside the most
+_EXACT = 1e-7  # of the root
 
 
 class Spread(NamedTuple):
@@ -109,11 +112,11 @@ def spread(
 
 def _root(falling: Callable[[float], float], high: float) -> float:
     """Return where a function that is negative at `high` has its root, or high / 2²⁰ if lower."""
-    low = high * 2.0**-20
-    for _ in range(_HALVINGS):
-        middle = float(np.sqrt(low * high))
-        if falling(middle) > 0:
-            low = middle
-        else:
-            high = middle
-    return float(np.sqrt(low * high))
+
+    def at(log: float) -> float:
+        return falling(high * float(np.exp(log)))
+
+    if at(_LEAST) <= 0:
+        return high * float(np.exp(_LEAST))
+    log = cast("float", brentq(at, _LEAST, 0.0, xtol=_EXACT))
+    return high * float(np.exp(log))

@@ -21,6 +21,16 @@ Indices = NDArray[np.int64]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _feel(felt: Array, back: Array, zero: Array, output: Array, i: int) -> None:
+    """Write (f, ω) of sample i to the first six of `felt`."""
+    for a in range(6):
+        total = zero[a]
+        for b in range(output.shape[1]):
+            total += back[a, b] * output[i, b]
+        felt[a] = total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def carry(
     time: Array,
     output: Array,
@@ -53,22 +63,20 @@ def carry(
     noise : (k, 3, 3) array
         Covariance of ψ by the rate's white noise on the way from `left` to `reached`, rad².
     """
-    count, m = start.size, output.shape[1]
+    count = start.size
     rotation, noise = np.empty((count, 3, 3)), np.empty((count, 3, 3))
     sensitivity = np.empty((count, 3, 3, 7))
-    felt, last = np.empty(7), np.empty(7)
+    felt, last, made = np.empty(7), np.empty(7), np.empty(7)
     e, turned = np.empty((3, 3)), np.empty((3, 3))
     felt[6] = 1.0
     for k in range(count):
-        r, s, p = np.eye(3), np.zeros((3, 21)), np.zeros((3, 3))
+        r, p = np.eye(3), np.zeros((3, 3))
+        # The rows of the sensitivity, (b, quantity): apart, the compiler sees that they are.
+        s0, s1, s2 = np.zeros(21), np.zeros(21), np.zeros(21)
         rise, fall = left[k] - start[k] + 1.0, stop[k] - reached[k] + 1.0
         for i in range(start[k], stop[k] + 1):
             last[:] = felt
-            for a in range(6):
-                total = zero[a]
-                for b in range(m):
-                    total += back[a, b] * output[i, b]
-                felt[a] = total
+            _feel(felt, back, zero, output, i)
             if i == start[k]:
                 continue
             dt = time[i] - time[i - 1]
@@ -81,11 +89,13 @@ def carry(
             y = h * (last[4] + felt[4]) + c * (last[5] * felt[3] - last[3] * felt[5])
             z = h * (last[5] + felt[5]) + c * (last[3] * felt[4] - last[4] * felt[3])
             square = x * x + y * y + z * z
-            if square > 1e-12:
+            if square > 1e-5:
                 angle = np.sqrt(square)
                 one, two = np.sin(angle) / angle, (1.0 - np.cos(angle)) / square
             else:
-                one, two = 1.0 - square / 6.0, 0.5 - square / 24.0
+                # The next terms are below 1e-17.
+                one = 1.0 - square * (1.0 - square * (1.0 / 20.0)) * (1.0 / 6.0)
+                two = 0.5 - square * (1.0 - square * (1.0 / 30.0)) * (1.0 / 24.0)
             e[0, 0] = 1.0 - two * (y * y + z * z)
             e[1, 1] = 1.0 - two * (x * x + z * z)
             e[2, 2] = 1.0 - two * (x * x + y * y)
@@ -96,16 +106,25 @@ def carry(
                 r0, r1, r2 = r[0, j], r[1, j], r[2, j]
                 for a in range(3):
                     r[a, j] = e[a, 0] * r0 + e[a, 1] * r1 + e[a, 2] * r2
-            # Half of a step's error is made before it and half after; columns are (b, quantity).
+            e00, e01, e02 = e[0, 0], e[0, 1], e[0, 2]
+            e10, e11, e12 = e[1, 0], e[1, 1], e[1, 2]
+            e20, e21, e22 = e[2, 0], e[2, 1], e[2, 2]
+            # Half of a step's error is made before it and half after.
             for j in range(7):
                 half = 0.25 * dt * (last[j] + felt[j])
-                for b in range(3):
-                    column = 7 * b + j
-                    s[b, column] += half
-                    s0, s1, s2 = s[0, column], s[1, column], s[2, column]
-                    for a in range(3):
-                        s[a, column] = e[a, 0] * s0 + e[a, 1] * s1 + e[a, 2] * s2
-                    s[b, column] += half
+                s0[j] += half
+                s1[7 + j] += half
+                s2[14 + j] += half
+                made[j] = half
+            for j in range(21):
+                u, v, w = s0[j], s1[j], s2[j]
+                s0[j] = e00 * u + e01 * v + e02 * w
+                s1[j] = e10 * u + e11 * v + e12 * w
+                s2[j] = e20 * u + e21 * v + e22 * w
+            for j in range(7):
+                s0[j] += made[j]
+                s1[7 + j] += made[j]
+                s2[14 + j] += made[j]
             if i <= left[k]:
                 continue
             own = dt * dt if i <= reached[k] else 0.0
@@ -121,7 +140,9 @@ def carry(
                         + white[a, b] * own
                     )
         rotation[k], noise[k] = r, p
-        sensitivity[k] = s.reshape(3, 3, 7)
+        sensitivity[k, 0] = s0.reshape(3, 7)
+        sensitivity[k, 1] = s1.reshape(3, 7)
+        sensitivity[k, 2] = s2.reshape(3, 7)
     return rotation, sensitivity, noise
 
 
@@ -149,18 +170,14 @@ def lag(
     g : float
         m/s².
     """
-    count, m = left.size, output.shape[1]
+    count = left.size
     along, square = np.zeros(count), np.zeros(count)
     felt, last = np.empty(6), np.empty(6)
     for k in range(count):
         x, y, z = before[k]
         for i in range(left[k], reached[k] + 1):
             last[:] = felt
-            for a in range(6):
-                total = zero[a]
-                for b in range(m):
-                    total += back[a, b] * output[i, b]
-                felt[a] = total
+            _feel(felt, back, zero, output, i)
             if i > left[k]:
                 # u turns by u × ω; the middle of the step makes it second order.
                 h = 0.5 * (time[i] - time[i - 1])

@@ -64,38 +64,33 @@ def rest_rows(sensor: Sensor, up: Array, g: float, errors: Errors) -> Array:
 
 
 def turn_rows(sensor: Sensor, before: Array, after: Array, g: float, errors: Errors) -> Array:
-    """Return what a turn by the shortest way tells, (2, p), whitened and in natural sizes.
+    """Return what turns by the shortest way tell, (k, 2, p), whitened and in natural sizes.
 
     Parameters
     ----------
     sensor : Sensor
         With gyros.
-    before, after : (3,) arrays
-        Up in the body's frame at either end, unit vectors.
+    before : (3,) array
+        Up in the body's frame where all of them begin, a unit vector.
+    after : (k, 3) array
+        Where each ends; neither there nor opposite.
     g : float
         m/s².
     errors : Errors
     """
     axis = np.cross(after, before)
-    sine = float(np.linalg.norm(axis))
-    if sine < 1e-9:  # nowhere, or half a turn about any axis across
-        axis, sine = across((float(before[0]), float(before[1]), float(before[2])))[0], 0.0
-    else:
-        axis = axis / sine
-    angle = float(np.arctan2(sine, before @ after))
-    steps = (np.arange(_STEPS) + 0.5) / _STEPS
+    sine = np.linalg.norm(axis, axis=1, keepdims=True)
+    turn = axis / sine * np.arctan2(sine, after @ before[:, None])
+    left = 1 - (np.arange(_STEPS) + 0.5) / _STEPS
     # The body turns by +angle about the axis, so what is fixed in space turns by −angle in it.
-    to_end = exp_so3(-axis * (angle * (1 - steps))[:, None])
-    up = (np.swapaxes(to_end, -1, -2) @ after[:, None])[..., 0]
-    seconds = MOVE_SECONDS / _STEPS
-    felt = np.concatenate(
-        [g * up, np.tile(axis * angle / MOVE_SECONDS, (_STEPS, 1)), np.ones((_STEPS, 1))], axis=1
-    )
-    sensitivity = np.einsum("sab,sq->abq", to_end, felt) * seconds
+    to_end = exp_so3(-turn[:, None] * left[:, None])
+    felt = np.ones((len(after), _STEPS, 7))
+    felt[..., :3] = g * (np.swapaxes(to_end, -1, -2) @ after[:, None, :, None])[..., 0]
+    felt[..., 3:6] = turn[:, None] / MOVE_SECONDS
+    sensitivity = np.einsum("ksab,ksq->kabq", to_end, felt) * (MOVE_SECONDS / _STEPS)
     model = affine(sensor, np.zeros(len(sensor.coefficients)))
-    psi = np.einsum("abq,bqp->ap", sensitivity, model.to_coefficient)
-    b = across((float(after[0]), float(after[1]), float(after[2])))
-    return b @ skew(after) @ psi / errors.turn * sensor.natural
+    psi = np.einsum("kabq,bqp->kap", sensitivity, model.to_coefficient)
+    return across(after) @ skew(after) @ psi / errors.turn * sensor.natural
 
 
 def next_attitudes(
@@ -128,16 +123,14 @@ def next_attitudes(
     chosen: list[Array] = []
     trace = _TRACE * np.eye(len(information))
     while len(chosen) < most and _deviation(information) > enough:
-        merits = np.full(len(CUBE), -np.inf)
-        gains = [own.T @ own for own in at_rest]
-        for k in np.flatnonzero(np.abs(CUBE @ last) < _FAR).tolist():
-            if turning:
-                way = turn_rows(sensor, last, CUBE[k], g, errors)
-                gains[k] = gains[k] + way.T @ way
-            merits[k] = np.linalg.slogdet(information + gains[k] + trace)[1]
-        best = int(np.argmax(merits))
+        easy = np.flatnonzero(np.abs(CUBE @ last) < _FAR)
+        gains = np.swapaxes(at_rest[easy], -1, -2) @ at_rest[easy]
+        if turning:
+            ways = turn_rows(sensor, last, CUBE[easy], g, errors)
+            gains += np.swapaxes(ways, -1, -2) @ ways
+        best = int(np.argmax(np.linalg.slogdet(information + gains + trace)[1]))
         information = information + gains[best]
-        last = CUBE[best]
+        last = CUBE[easy[best]]
         chosen.append(last)
     return chosen, information
 

@@ -18,8 +18,9 @@ Rows may scatter by more than the samples say, or by less, where the samples hol
 its gyro readings (a bias that wanders also turns the passages), and a rotation.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -140,8 +141,7 @@ class Rests:
     @cached_property
     def across(self) -> Array:
         """Two unit vectors across the nominal up of each rest, (r, 2, 3)."""
-        ups = self.norms(self.start()).up
-        return np.stack([across((float(x), float(y), float(z))) for x, y, z in ups])
+        return across(self.norms(self.start()).up)
 
     def norms(self, x: Array) -> Norm:
         """Return the norm rows at x, with derivatives to the accelerometers' c and g."""
@@ -164,7 +164,7 @@ class Rests:
         to_felt = np.zeros((r, 3, p))
         to_felt[..., :a] = at.by_coefficient
         before, after = self.passages.rest, self.passages.rest + 1
-        way = carried(self.passages, self.sensor, x[:p], self.white)
+        way = self._carried(x[:p].tobytes())
         to_level = self._attitudes(at, way) if attitude is None else attitude
         by_earth = to_level[after] * self.passages.duration[:, None, None]
         turns = rotations(before, way, at.felt, self.across, by_earth @ x[p + 1 :])
@@ -185,6 +185,18 @@ class Rests:
             to_level,
         )
 
+    @cached_property
+    def _carried(self) -> Callable[[bytes], Carried]:
+        """Return what `carried` returns; a fit begins where the last one ended."""
+        assert self.passages is not None
+        passages = self.passages
+
+        @lru_cache(maxsize=2)
+        def at(c: bytes) -> Carried:
+            return carried(passages, self.sensor, np.frombuffer(c), self.white)
+
+        return at
+
     def _attitudes(self, at: Norm, carried: Carried) -> Array:
         """Return the rotation from the level frame to the body's at each rest, (r, 3, 3).
 
@@ -192,17 +204,17 @@ class Rests:
         level there is taken as not seen.
         """
         assert self.passages is not None
-        level = from_up(at.up)
-        way = dict(zip(self.passages.rest.tolist(), carried.rotation, strict=True))
-        known = np.ones(len(level))
-        for k in range(1, len(level)):
-            if k - 1 in way and known[k - 1]:
-                # Up is taken from the accelerometers, so that only the azimuth drifts.
-                azimuth = level[k].T @ way[k - 1] @ level[k - 1]
-                angle = np.arctan2(azimuth[1, 0] - azimuth[0, 1], azimuth[0, 0] + azimuth[1, 1])
-                level[k] = level[k] @ exp_so3([0.0, 0.0, float(angle)])
-            else:
-                known[k] = 0.0
+        level, before = from_up(at.up), self.passages.rest
+        # Up is taken from the accelerometers, so that only the azimuth drifts.
+        turned = np.swapaxes(level[before + 1], -1, -2) @ carried.rotation @ level[before]
+        step = np.full(len(level), np.nan)
+        step[0] = 0.0
+        step[before + 1] = np.arctan2(
+            turned[:, 1, 0] - turned[:, 0, 1], turned[:, 0, 0] + turned[:, 1, 1]
+        )
+        azimuth = np.cumsum(step)
+        known = np.isfinite(azimuth)
+        level = level @ exp_so3(np.where(known, azimuth, 0.0)[:, None] * [0.0, 0.0, 1.0])
         level[..., :2] *= known[:, None, None]
         return level
 

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.estimate import Estimate, Gaussian, Group, Problem, least_squares
-from inercal.estimate.spread import Spread, chi_squared, spread
 from inercal.methods.chain import NORM, RATES, noise, whitener
 from inercal.methods.rests import Rests, Rows, Scatter
+from inercal.methods.scatter import of_norms, of_rates, of_rotations
 from inercal.sensors import G0
 
 Array = NDArray[np.float64]
@@ -65,18 +65,11 @@ def accelerometers(rests: Rests, priors: Sequence[Gaussian]) -> Stage:
     # The noise is propagated at the nominal model first, then where that has led.
     for _ in range(2):
         x[free] = _fit(alone, free, x, Scatter(), priors).value
-    rows = alone.rows(x)
-    jacobian = rows.jacobian[:, :p]
-    dof = len(rows.residual) - int(np.linalg.matrix_rank(jacobian / rests.force.natural))
-
-    def whiten(force: Spread, columns: Array) -> Array:
-        return whitener(alone, rows, Scatter(force))(columns)
-
-    chi2 = chi_squared(rows.residual, jacobian, lambda a: whiten(Spread(), a))
-    scatter = Scatter(spread(rows.residual, jacobian, whiten, dof))
+    judged = of_norms(alone, alone.rows(x))
+    scatter = Scatter(judged.spread)
     estimate = _fit(alone, free, x, scatter, priors)
     x[free] = estimate.value
-    groups = _groups(alone, alone.rows(x), scatter, [(chi2, dof)])
+    groups = _groups(alone, alone.rows(x), scatter, [judged[:2]])
     whole = rests.start()
     whole[:p], whole[-4] = x[:p], x[p]
     return _stage(rests, estimate, whole, scatter, groups)
@@ -104,51 +97,18 @@ def gyros(rests: Rests, first: Stage, priors: Sequence[Gaussian]) -> Stage:
     x[still] += np.linalg.lstsq(rows.jacobian[of_rest, still], rows.residual[of_rest], rcond=None)[
         0
     ]
-    rows = rests.rows(x)
-    at_rest = np.concatenate([still, free[own.size :]])
-    at_rest_rows = rows.residual[of_rest], rows.jacobian[of_rest, at_rest]
-
-    def of_rates(rate: Spread, columns: Array) -> Array:
-        own = rate.of(rests.noise[:, rests.m :, rests.m :])
-        inverse = np.linalg.inv(np.linalg.cholesky(own))
-        return (inverse @ columns.reshape(r, -1, columns.shape[1])).reshape(len(columns), -1)
-
-    dof = 3 * r - at_rest.size
-    chi2 = chi_squared(*at_rest_rows, lambda a: of_rates(Spread(), a))
-    scatter = first.scatter._replace(rate=spread(*at_rest_rows, of_rates, dof))
-    least = chi_squared(*at_rest_rows, lambda a: of_rates(scatter.rate, a))
-    judged = [(chi2, dof)]
-
+    shown = np.concatenate([still, free[own.size :]])
+    rates = of_rates(rests, rests.rows(x), shown)
+    scatter = first.scatter._replace(rate=rates.spread)
     # Without its scatter yet, this fit need not go to the last digit.
     x[free] = _fit(rests, free, x, scatter, priors, norms=False, most=_FEW).value
-    rows = rests.rows(x)
-    residual, jacobian = rows.residual[r:], rows.jacobian[r:, free]
-
-    dof = 2 * k - (own.size - still.size)
-
-    def of_turns(known: Scatter, columns: Array) -> Array:
-        whiten = whitener(rests, rows, known, norms=False)
-        return whiten(np.concatenate([np.zeros((r, columns.shape[1])), columns]))
-
-    def turns_beside(known: Scatter, besides: float) -> Spread:
-        def whiten(turn: Spread, columns: Array) -> Array:
-            return of_turns(known._replace(turn=turn), columns)
-
-        hidden = _by_accelerometers(rests, rows, known)
-        return spread(residual, jacobian, whiten, dof, besides, hidden)
-
-    chi2 = chi_squared(residual, jacobian, lambda a: of_turns(scatter, a)) - least
-    found = turns_beside(scatter, least)
-    if scatter != scatter.shares and not found.excess:
-        # What is added to the readings may be more than the rotations need: it tells no share.
-        least = chi_squared(*at_rest_rows, lambda a: of_rates(scatter.shares.rate, a))
-        found = Spread(share=turns_beside(scatter.shares, least).share)
-    scatter = scatter._replace(turn=found)
-    judged.append((max(chi2, 0.0), dof))
+    rotations = of_rotations(rests, rests.rows(x), shown, free, scatter)
+    scatter = scatter._replace(turn=rotations.spread)
     fit = _fit(rests, free, x, scatter, priors, norms=False)
     x[free] = fit.value
     rows = rests.rows(x)
-    groups = (*first.groups, *_groups(rests, rows, scatter, [(0.0, 0), *judged])[1:])
+    judged = [(0.0, 0), rates[:2], rotations[:2]]
+    groups = (*first.groups, *_groups(rests, rows, scatter, judged)[1:])
     whiten = whitener(rests, rows, scatter, norms=False)
     estimate = _considered(rests, fit, first.estimate, whiten(rows.jacobian))
     return _stage(rests, estimate, x, scatter, groups)
@@ -213,7 +173,7 @@ def _fit(
             names=chosen,
             start=x[free],
             linearise=linearise,
-            noise=np.ones(len(linearise(x[free])[0])),
+            noise=np.ones(len(whiten(started.residual))),
             scale=np.concatenate([rests.sensor.natural, [G0, 1.0, 1.0, 1.0]])[free],
             priors=tuple(known),
             wanted=tuple(name for name in chosen if name not in BESIDE),
@@ -253,18 +213,6 @@ def _considered(rests: Rests, fit: Estimate, first: Estimate, jacobian: Array) -
         converged=first.converged & fit.converged,
         iterations=first.iterations + fit.iterations,
     )
-
-
-def _by_accelerometers(rests: Rests, rows: Rows, scatter: Scatter) -> float:
-    """Return the accelerometers' part in the rotations' variance, over the gyros' part."""
-
-    def variance(share: float) -> float:
-        found = noise(rests, rows, scatter._replace(turn=Spread(share=share)))
-        own = np.diagonal(found.rests, axis1=1, axis2=2)[:, [0, 1, 6, 7]]
-        return float(own.sum() + np.trace(found.turns, axis1=1, axis2=2).sum())
-
-    gyros = 2 * (variance(1.0) - variance(0.5))
-    return variance(1.0) / gyros - 1
 
 
 def _stage(

@@ -28,7 +28,7 @@ def envelope(recording: Recording, column: int) -> tuple[Array, Array]:
 
     Of more than `POINTS` samples the extremes of each of POINTS/2 stretches are kept.
     """
-    y = recording.data[:, column]
+    y = np.ascontiguousarray(recording.data[:, column])
     stretch = -(-y.size // (POINTS // 2))
     if stretch <= 2:
         kept = np.arange(y.size)

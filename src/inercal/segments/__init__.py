@@ -4,9 +4,10 @@ from inercal.segments.against_plan import check_against_plan, check_turn_ends
 from inercal.segments.attitudes import as_found, held, unflawed
 from inercal.segments.average import observe
 from inercal.segments.detect import find_marks
+from inercal.segments.levels import scatter
 from inercal.segments.marks import check_marks, marks_from_labels
 from inercal.segments.passages import between_rests
-from inercal.segments.rests import Rests, find_rests, scatter
+from inercal.segments.rests import Rests, find_rests
 
 __all__ = [
     "Rests",

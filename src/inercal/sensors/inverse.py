@@ -69,7 +69,7 @@ def inverse(
     rates = np.broadcast_to(zero if dw is None else dw, shape)
     temperature = np.broadcast_to(np.asarray(dT, dtype=float), shape[:-1])
     if sensor.affine:
-        felt = across + _affine(sensor, y, c, across) @ basis.T
+        felt = across + _affine(sensor, y, c, across, basis) @ basis.T
     else:
         lead = np.broadcast_shapes(y.shape[:-2], c.shape[:-1])
         felt = np.empty((*lead, y.shape[-2], 6))
@@ -116,8 +116,7 @@ def _solve(slope: Array, right: Array) -> Array:
         raise NotInvertible(_BLIND) from None
 
 
-def _affine(sensor: Sensor, y: Array, c: Array, across: Array) -> Array:
-    basis = _seen_directions(sensor)
+def _affine(sensor: Sensor, y: Array, c: Array, across: Array, basis: Array) -> Array:
     slope = (sensor.slope(Motion(np.zeros((1, 3))), c) @ basis)[..., 0, :, :]
     if (np.linalg.matrix_rank(slope) < basis.shape[1]).any():
         raise NotInvertible(f"sensor {sensor.name}: {_BLIND}")
