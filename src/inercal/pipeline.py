@@ -30,7 +30,7 @@ from inercal.recording import Finding, Mark, Observations, Recording
 from inercal.runfile import Run, read
 from inercal.runfile.build import si_value
 from inercal.segments import (
-    Rests,
+    FoundRests,
     as_found,
     between_rests,
     check_against_plan,
@@ -69,7 +69,7 @@ class Outcome:
         The audit's, and what the checks against the plan noticed.
     verdict : tuple of str
         In plain words; the first line is the summary.
-    rests : Rests or None
+    rests : FoundRests or None
         How rests were found, where they were found without a plan.
     """
 
@@ -82,7 +82,7 @@ class Outcome:
     marks: tuple[Mark, ...]
     findings: tuple[Finding, ...]
     verdict: tuple[str, ...]
-    rests: Rests | None = None
+    rests: FoundRests | None = None
 
 
 def calibrate(run: Run | str | Path) -> Outcome:
@@ -187,7 +187,7 @@ def _planned(run: Run, observations: Observations) -> tuple[Step, ...]:
 
 
 def _free_rests(
-    run: Run, recording: Recording, rests: Rests | None
+    run: Run, recording: Recording, rests: FoundRests | None
 ) -> tuple[tuple[Mark, ...], Observations, tuple[Finding, ...]]:
     """Return rests in any attitude and the ways between them: marks, means, what was noticed."""
     findings = recording.findings
@@ -197,7 +197,8 @@ def _free_rests(
         marks = _stated_marks(run, recording)
         check_marks(marks, recording, [mark.label for mark in marks])
     marks, left_out = unflawed(recording, run.sensor, marks)
-    observations = observe(recording, run.sensor, marks, as_found(marks), by_hand=True)
+    found = rests is not None
+    observations = observe(recording, run.sensor, marks, as_found(marks), by_hand=True, found=found)
     if run.sensor.only("w").axes:
         observations = replace(observations, passages=between_rests(recording, run.sensor, marks))
     return marks, observations, findings + left_out

@@ -250,6 +250,8 @@ class Observations:
         Degrees of freedom behind the covariance; infinite when it was stated.
     drift : (r, r, m) array or None
         Covariance between rows of each channel's slow drift, which `covariance` leaves out.
+    rounding : (m,) array or None
+        Variance that coarse steps of the channels add to each mean, within `covariance`.
     passages : Passages or None
         Between neighbouring rows, for methods that follow the rate from rest to rest.
 
@@ -269,6 +271,7 @@ class Observations:
     channels: tuple[str, ...]
     dof: float = np.inf
     drift: Array | None = None
+    rounding: Array | None = None
     passages: Passages | None = None
 
     def __post_init__(self) -> None:

@@ -27,11 +27,13 @@ TRIMMED = 20  # samples at either end of a true rest
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """Errors (trials, p), covariances (trials, p, p), and which sessions χ² found fault with."""
+    """What a run of sessions made; χ² of norms, rates and rotations."""
 
-    error: Array
-    covariance: Array
-    flagged: NDArray[np.bool_]
+    error: Array  # (trials, p)
+    covariance: Array  # (trials, p, p)
+    chi2: Array  # (trials, 3)
+    dof: Array  # (3,)
+    flagged: NDArray[np.bool_]  # (trials,), by χ²
 
     @property
     def nees(self) -> Array:
@@ -51,6 +53,8 @@ def judge(seed: int, session: Session, estimator: str, trials: int) -> Judged:
     marks = [Mark(f"r{k:02d}", a + TRIMMED, b - TRIMMED) for k, (a, b) in enumerate(made.rests)]
     errors: list[Array] = []
     covariances: list[Array] = []
+    chi2: list[list[float]] = []
+    dof: list[int] = []
     flagged: list[bool] = []
     for data in made.data:
         recording = Recording(made.time, data, sensor.channels, units)
@@ -60,8 +64,12 @@ def judge(seed: int, session: Session, estimator: str, trials: int) -> Judged:
         assert found.converged
         errors.append(found.value[: truth.size] - truth)
         covariances.append(found.covariance[: truth.size, : truth.size])
+        chi2.append([group.chi2 for group in found.groups])
+        dof = [group.dof for group in found.groups]
         flagged.append(not found.consistent)
-    return Judged(np.array(errors), np.array(covariances), np.array(flagged))
+    return Judged(
+        np.array(errors), np.array(covariances), np.array(chi2), np.array(dof), np.array(flagged)
+    )
 
 
 def assert_consistent(judged: Judged) -> None:
@@ -72,10 +80,15 @@ def assert_consistent(judged: Judged) -> None:
 
 
 def assert_consistent_by_its_own_spread(judged: Judged) -> None:
-    """NEES of noise that is found from few residuals has a longer tail than χ² has."""
+    """NEES of noise that is found from few residuals has a longer tail than χ² has.
+
+    Its spread is judged too, as else one session that is far off would widen its own band.
+    """
     band = 4 * judged.nees.std(ddof=1) / np.sqrt(judged.nees.size)
     print(f"NEES {judged.nees.mean():.3f}, band {band:.3f}")
     assert judged.nees.mean() == pytest.approx(1, abs=band)
+    assert judged.nees.std(ddof=1) < 1.5 * np.sqrt(2 / judged.error.shape[1])
+    assert judged.nees.max() < 4
 
 
 def assert_unbiased(judged: Judged) -> None:
@@ -87,6 +100,15 @@ def assert_unbiased(judged: Judged) -> None:
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_forty_sessions_err_as_stated(seed: int, estimator: str):
     assert_consistent(judge(seed, STILL, estimator, 40))
+
+
+@pytest.mark.parametrize("estimator", ["joint", "sequential"])
+def test_few_rests_err_and_are_judged_as_stated(estimator: str):
+    """What norms leave open of the accelerometers, rotations must not be blamed for."""
+    judged = judge(1, replace(STILL, positions=10), estimator, 60)
+    assert_consistent(judged)
+    band = 4 * np.sqrt(2 * judged.dof / len(judged.chi2))
+    assert np.all(np.abs(judged.chi2.mean(axis=0) - judged.dof) < band)
 
 
 def test_forty_sessions_of_a_trembling_hand_err_as_stated():

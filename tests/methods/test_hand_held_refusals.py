@@ -13,6 +13,8 @@ from inercal.benches import Hand
 from inercal.errors import NotObserved
 from inercal.estimate import Estimate
 from inercal.methods import METHODS
+from inercal.methods.coverage import CUBE
+from inercal.plan import Hold
 from inercal.recording import Mark, Recording
 from inercal.segments import as_found, between_rests, held, observe
 from inercal.sensors import imu
@@ -54,8 +56,11 @@ def test_twenty_rests_in_one_plane_are_refused(normal: tuple[float, ...], named:
 
 def test_attitudes_added_to_a_plane_as_advised_are_accepted():
     plane = planar(20, np.array([0.0, 0.0, 1.0]), 1.0, np.random.default_rng(0))
-    added = np.array([[0, 0, 1], [-1, 0, -1], [1, 0, -1], [0, 1, 1]]) / 1.0
-    added /= np.linalg.norm(added, axis=1, keepdims=True)
+    with pytest.raises(NotObserved) as refusal:
+        calibrated(plane)
+    advised = str(refusal.value).partition("add: ")[2].split("; ")
+    by_words = {f"hold {Hold('', tuple(up), 0.0).in_words()}": up for up in CUBE.tolist()}
+    added = np.array([by_words[words] for words in advised])
     assert calibrated(np.concatenate([plane, added])).converged
 
 

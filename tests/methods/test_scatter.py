@@ -17,6 +17,7 @@ from inercal.segments import as_found, between_rests, observe
 from inercal.sensors import imu
 from inercal.units import Measured
 
+METHOD = METHODS["multi_position"]
 STILL = Session(latitude=47 * DEGREE, gravity_sd=2e-4)
 INSIDE = 20  # samples of a rest that are left out at either end
 
@@ -24,7 +25,7 @@ INSIDE = 20  # samples of a rest that are left out at either end
 def session(seed: int, **tremor: float) -> Rests:
     rng = np.random.default_rng(seed)
     device, session = mems(rng), replace(STILL, **tremor)
-    sensor = METHODS["multi_position"].prepare(imu(), also=("g",))
+    sensor = METHOD.prepare(imu(), also=("g",))
     made = record(device, session, rng)
     recording = Recording(made.time, made.data[0], sensor.channels, ("SI",) * 6)
     marks = [Mark(f"r{k:02d}", a + INSIDE, b - INSIDE) for k, (a, b) in enumerate(made.rests)]
@@ -46,3 +47,19 @@ def test_scatter_of_the_norms_does_not_hide_that_rotations_are_calm(seed: int):
 def test_noise_as_stated_is_left_as_it_is():
     rests = session(1)
     assert gyros(rests, accelerometers(rests, ()), ()).scatter == Scatter()
+
+
+@pytest.mark.parametrize("estimator", ["joint", "sequential"])
+def test_drift_that_all_rests_share_is_in_the_biases_once(estimator: str):
+    rests = session(1)
+    drift = np.full((24, 24, 6), 1e-4)
+    seen = replace(rests.observations, drift=drift)
+    fit = METHOD.estimator(estimator)
+    without = fit(rests.observations, rests.sensor, rests.bench, ())
+    with_it = fit(seen, rests.sensor, rests.bench, ())
+    added = with_it.covariance - without.covariance
+    names = [f"a{a}.k0" for a in "xyz"] + [f"g{a}.bias" for a in "xyz"]
+    biases = [without.names.index(name) for name in names]
+    expected = np.zeros_like(added)
+    expected[biases, biases] = 1e-4
+    assert added == pytest.approx(expected, abs=1e-12)

@@ -13,7 +13,7 @@ from tests.accuracy.handheld import Session, record
 from inercal.errors import InputError
 from inercal.recording import Recording
 from inercal.segments.levels import scatter
-from inercal.segments.rests import Rests, find_rests
+from inercal.segments.rests import FoundRests, find_rests
 from inercal.sensors import G0, Noise, Readout, Sensor, imu, triad
 
 Array = NDArray[np.float64]
@@ -42,7 +42,7 @@ def recorded(data: Array, sensor: Sensor = IMU, time: Array | None = None) -> Re
     return Recording(stamps, data, sensor.channels, units, source="log.csv")
 
 
-def ranges(rests: Rests) -> Ranges:
+def ranges(rests: FoundRests) -> Ranges:
     return [(mark.start, mark.stop) for mark in rests.marks]
 
 

@@ -54,7 +54,7 @@ class Group:
     @property
     def p_value(self) -> float:
         """Probability of a χ² at least as large if the noise is as stated; 1 without dof."""
-        return float(chdtrc(self.dof, self.chi2)) if self.dof else 1.0
+        return float(chdtrc(self.dof, self.chi2)) if self.dof > 0 else 1.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -55,7 +55,6 @@ def chi_squared(residual: Array, jacobian: Array, whiten: Callable[[Array], Arra
     ----------
     residual : (m,) array
     jacobian : (m, p) array
-        Without columns that are all zero.
     whiten : callable
         From (m, k) to the same whitened.
     """

@@ -8,7 +8,7 @@ from scipy.special import fdtrc
 
 from inercal.estimate import Estimate
 from inercal.methods.coverage import Errors, next_attitudes
-from inercal.methods.missing import in_words
+from inercal.methods.missing import attitudes_in_words
 from inercal.methods.rests import Rests
 from inercal.units import digits
 
@@ -43,8 +43,8 @@ def advice(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
     line = sensor.coefficient(name)
     sizes_told = [digits(0.0, _COVERAGE * float(sd[k]) / line.si)[1] for sd in (old, new)]
     return (
-        f"{name} is known poorly: {in_words(more)} would bring its U from {sizes_told[0]} to "
-        f"{sizes_told[1]} {line.unit}",
+        f"{name} is known poorly: {attitudes_in_words(more)} would bring its U from "
+        f"{sizes_told[0]} to {sizes_told[1]} {line.unit}",
     )
 
 

@@ -51,7 +51,7 @@ def require_covered(rests: Rests, priors: Sequence[Gaussian]) -> None:
     )
     raise NotObserved(
         f"not observed: {', '.join(named)} (free directions, in units of g and rad/s: "
-        f"{'; '.join(words)}); {_lack(rests, ups)}; add: {in_words(more)}",
+        f"{'; '.join(words)}); {_lack(rests, ups)}; add: {attitudes_in_words(more)}",
         words,
     )
 
@@ -105,7 +105,7 @@ def _lack(rests: Rests, ups: Array) -> str:
     return ", ".join(parts)
 
 
-def in_words(ups: Sequence[Array]) -> str:
+def attitudes_in_words(ups: Sequence[Array]) -> str:
     """Return attitudes as what to do."""
     holds = [Hold("", (float(x), float(y), float(z)), 0.0) for x, y, z in ups]
     return "; ".join(f"hold {hold.in_words()}" for hold in holds)

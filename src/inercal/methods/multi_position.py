@@ -8,7 +8,8 @@ sensitivity to acceleration from the rates at rest. The frame is the acceleromet
 the first input axis, y in the plane of the first two.
 
 Each kind of rows is judged by its own χ². Where it lies beyond its 95 % bound, the scatter that
-explains it is added to the noise (`inercal.estimate.spread`).
+explains it is added to the noise; where it lies below its 1 % bound, the samples hold the hand's
+wobble, and only a share of their scatter is noise (`inercal.estimate.spread`).
 
 Sources: Skog and Händel, "Calibration of a MEMS inertial measurement unit", XVII IMEKO World
 Congress, 2006 (norms); Tedaldi, Pretto, Menegatti, ICRA 2014, 3042–3049 (rotations between rests).
@@ -27,8 +28,9 @@ from inercal.methods._base import Method
 from inercal.methods.advice import advice, g_sensitivity
 from inercal.methods.coverage import hand_held
 from inercal.methods.missing import require_covered
+from inercal.methods.observed import require_observed
 from inercal.methods.rests import Rests
-from inercal.methods.stages import accelerometers, gyros, together
+from inercal.methods.stages import accelerometers, gyros, together, with_shared_drift
 from inercal.plan import Step
 from inercal.recording import Observations
 from inercal.sensors import Sensor
@@ -69,7 +71,7 @@ def joint(
     last = accelerometers(rests, priors)
     if rests.passages is not None:
         last = together(rests, gyros(rests, last, priors), priors)
-    return _with_notes(rests, last.estimate)
+    return _finished(rests, last.estimate)
 
 
 def sequential(
@@ -87,7 +89,7 @@ def sequential(
     last = accelerometers(rests, priors)
     if rests.passages is not None:
         last = gyros(rests, last, priors)
-    return _with_notes(rests, last.estimate)
+    return _finished(rests, last.estimate)
 
 
 def _rests(
@@ -102,8 +104,10 @@ def _rests(
     return rests
 
 
-def _with_notes(rests: Rests, estimate: Estimate) -> Estimate:
-    return replace(estimate, notes=(*g_sensitivity(rests, estimate), *advice(rests, estimate)))
+def _finished(rests: Rests, estimate: Estimate) -> Estimate:
+    require_observed(estimate, rests.sensor, missing=())
+    notes = (*g_sensitivity(rests, estimate), *advice(rests, estimate))
+    return replace(with_shared_drift(rests, estimate), notes=notes)
 
 
 METHOD = Method(

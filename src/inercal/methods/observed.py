@@ -52,8 +52,8 @@ def require_separated(
             )
     if problems:
         raise NotObserved(
-            f"not observed: {'; '.join(problems)}{in_words(missing)}; record what is missing, or "
-            "give a prior on one of the two",
+            f"not observed: {'; '.join(problems)}{steps_in_words(missing)}; record what is "
+            "missing, or give a prior on one of the two",
             tuple(problems),
         )
 
@@ -95,13 +95,13 @@ def not_observed(sensor: Sensor, directions: Sequence[str], missing: Sequence[St
     named = [name for name in sensor.coefficients if name in touched]
     return NotObserved(
         f"not observed: {', '.join(named)} (free directions, in units of g and rad/s: "
-        f"{'; '.join(plain)}){in_words(missing)}; record what is missing, choose fewer "
+        f"{'; '.join(plain)}){steps_in_words(missing)}; record what is missing, choose fewer "
         "coefficients, or give a prior",
         plain,
     )
 
 
-def in_words(missing: Sequence[Step]) -> str:
+def steps_in_words(missing: Sequence[Step]) -> str:
     """Return the steps that were not carried out, as part of a sentence; empty if none."""
     if not missing:
         return ""

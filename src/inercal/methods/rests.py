@@ -98,7 +98,7 @@ class Rests:
 
     @cached_property
     def noise(self) -> Array:
-        """Covariance of each rest's mean readings, (r, m, m): noise, and drift within the run."""
+        """Covariance of each rest's mean readings, (r, q, q), q channels: noise, and drift."""
         drift = self.observations.drift
         if drift is None:
             return self.observations.covariance
@@ -107,7 +107,7 @@ class Rests:
 
     @cached_property
     def drift_of_mean(self) -> Array:
-        """Variance of each channel's drift that all rests share, (m,): it is part of the bias."""
+        """Variance of each channel's drift that all rests share, (q,): it is part of the bias."""
         drift = self.observations.drift
         return np.zeros(len(self.sensor.axes)) if drift is None else drift.mean(axis=(0, 1))
 
@@ -135,12 +135,15 @@ class Rests:
     @cached_property
     def white(self) -> Array:
         """Covariance of one sample of the rates as far as it is white, (3, 3), (rad/s)²."""
-        n = self.observations.samples
-        return np.mean(self.observations.covariance * n[:, None, None], 0)[self.m :, self.m :]
+        n, whole = self.observations.samples, self.observations.covariance
+        rounding = self.observations.rounding
+        if rounding is not None:
+            whole = whole - np.diag(rounding)
+        return np.mean(whole * n[:, None, None], axis=0)[self.m :, self.m :]
 
     @cached_property
     def across(self) -> Array:
-        """Two unit vectors across the nominal up of each rest, (r, 2, 3)."""
+        """Two unit vectors across the nominal up of each rest, (r, 2, 3): they stay as c moves."""
         return across(self.norms(self.start()).up)
 
     def norms(self, x: Array) -> Norm:
@@ -197,16 +200,16 @@ class Rests:
 
         return at
 
-    def _attitudes(self, at: Norm, carried: Carried) -> Array:
+    def _attitudes(self, at: Norm, way: Carried) -> Array:
         """Return the rotation from the level frame to the body's at each rest, (r, 3, 3).
 
-        The azimuth is carried along by the gyros; across a missing passage it is lost, and what is
-        level there is taken as not seen.
+        The azimuth is carried along by the gyros; behind a missing passage it is lost, and the
+        level part of the earth's rate is left out from there on.
         """
         assert self.passages is not None
         level, before = from_up(at.up), self.passages.rest
         # Up is taken from the accelerometers, so that only the azimuth drifts.
-        turned = np.swapaxes(level[before + 1], -1, -2) @ carried.rotation @ level[before]
+        turned = np.swapaxes(level[before + 1], -1, -2) @ way.rotation @ level[before]
         step = np.full(len(level), np.nan)
         step[0] = 0.0
         step[before + 1] = np.arctan2(
@@ -229,11 +232,11 @@ class Rests:
         return (self.observations.mean - reading)[:, self.m :], jacobian.reshape(-1, x.size)
 
     def readings(self, scatter: Scatter) -> Array:
-        """Return the covariance of what each rest lends its rows, (r, m + 12, m + 12).
+        """Return the covariance of what each rest lends its rows, (r, m + 12, m + 12) or (r, m, m).
 
         In the order of the accelerometers' means, the gyros' means, the gyros' integrals over the
         ramps by which the passages arrive and leave (the same samples, hence correlated), and the
-        offset that the gyros keep all through the rest.
+        offset that the gyros keep all through the rest; without passages the first alone.
         """
         m, r = self.m, len(self.noise)
         force, rate, turn = scatter

@@ -3,7 +3,7 @@
 With û the direction of f̂ at a rest and R the rotation that the corrected rate makes of the passage
 to the next, the residual is what is left across û at its end::
 
-    ρ = B (û_after − E R û_before),   B (2 × 3): two unit vectors across û_after
+    ρ = B (û_after − E R û_before),   B (2 × 3): two unit vectors across the nominal û_after
 
 The gyros feel the earth's rate too, by which gravity turns with them: E = exp(ω_e T) takes it away.
 A turn about the vertical is not seen. The derivatives are exact to first order: R û moves by

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.estimate.spread import Spread, chi_squared, spread
-from inercal.methods.chain import noise, whitener
+from inercal.methods.chain import NORM, noise, whitener
 from inercal.methods.rests import Rests, Rows, Scatter
 
 Array = NDArray[np.float64]
@@ -29,7 +29,7 @@ class Judged(NamedTuple):
 def of_norms(rests: Rests, rows: Rows) -> Judged:
     """Judge the norms; `rests` are seen by accelerometers alone."""
     jacobian = rows.jacobian[:, : len(rests.sensor.coefficients)]
-    dof = len(rows.residual) - int(np.linalg.matrix_rank(jacobian / rests.sensor.natural))
+    dof = len(rows.residual) - int(np.linalg.matrix_rank(jacobian * rests.sensor.natural))
 
     def whiten(force: Spread, columns: Array) -> Array:
         return whitener(rests, rows, Scatter(force))(columns)
@@ -42,7 +42,7 @@ def of_rates(rests: Rests, rows: Rows, shown: Places) -> Judged:
     """Judge the rates at rest, which show these places of x."""
     residual, jacobian = _rates(rests, rows, shown)
     whiten = _whiten_rates(rests)
-    dof = len(residual) - shown.size
+    dof = max(len(residual) - shown.size, 0)
     chi2 = chi_squared(residual, jacobian, lambda a: whiten(Spread(), a))
     return Judged(chi2, dof, spread(residual, jacobian, whiten, dof))
 
@@ -50,7 +50,7 @@ def of_rates(rests: Rests, rows: Rows, shown: Places) -> Judged:
 def of_rotations(
     rests: Rests, rows: Rows, shown: Places, fitted: Places, scatter: Scatter
 ) -> Judged:
-    """Judge the rotations beside the rates, with the scatter of the readings.
+    """Judge the rotations: by what they add to χ² of norms and rates together with these.
 
     Parameters
     ----------
@@ -58,39 +58,44 @@ def of_rotations(
     rows : Rows
         At a solution.
     shown, fitted : arrays of int
-        Places of x that the rates alone show, and that rates and rotations show together.
+        Places of x that the rates alone show, and that rates and rotations show together; the
+        accelerometers' besides.
     scatter : Scatter
         Of what was judged before.
     """
     assert rows.turns is not None
-    r = len(rows.norm.residual)
-    residual, jacobian = rows.residual[r:], rows.jacobian[r:, fitted]
-    dof = rows.turns.residual.size - (fitted.size - shown.size)
+    norms = np.arange(len(rests.force.coefficients))
+    columns = rows.jacobian[:, np.concatenate([norms, fitted])]
+    dof = max(rows.turns.residual.size - (fitted.size - shown.size), 0)
 
-    def whiten(known: Scatter, columns: Array) -> Array:
-        white = whitener(rests, rows, known, norms=False)
-        return white(np.concatenate([np.zeros((r, columns.shape[1])), columns]))
-
-    def rates(known: Scatter) -> float:
-        white = _whiten_rates(rests)
-        return chi_squared(*_rates(rests, rows, shown), lambda a: white(known.rate, a))
+    def others(known: Scatter) -> float:
+        own, white = _norms(rests, rows, known), _whiten_rates(rests)
+        return chi_squared(
+            rows.norm.residual, rows.norm.jacobian[:, :-1], lambda a: a / own[:, None]
+        ) + chi_squared(*_rates(rests, rows, shown), lambda a: white(known.rate, a))
 
     def beside(known: Scatter) -> Spread:
         return spread(
-            residual,
-            jacobian,
-            lambda turn, columns: whiten(known._replace(turn=turn), columns),
+            rows.residual,
+            columns,
+            lambda turn, a: whitener(rests, rows, known._replace(turn=turn))(a),
             dof,
-            rates(known),
+            others(known),
             _by_accelerometers(rests, rows, known),
         )
 
-    chi2 = chi_squared(residual, jacobian, lambda a: whiten(scatter, a)) - rates(scatter)
+    stated = whitener(rests, rows, scatter)
+    chi2 = chi_squared(rows.residual, columns, stated) - others(scatter)
     found = beside(scatter)
     if scatter != scatter.shares and not found.excess:
         # What is added to the readings may be more than the rotations need: it tells no share.
         found = Spread(share=beside(scatter.shares).share)
     return Judged(max(chi2, 0.0), dof, found)
+
+
+def _norms(rests: Rests, rows: Rows, scatter: Scatter) -> Array:
+    """Return the standard deviations of the norms, (r,) m/s²."""
+    return np.sqrt(noise(rests, rows, scatter).rests[:, NORM, NORM])
 
 
 def _rates(rests: Rests, rows: Rows, shown: Places) -> tuple[Array, Array]:

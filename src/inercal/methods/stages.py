@@ -72,7 +72,7 @@ def accelerometers(rests: Rests, priors: Sequence[Gaussian]) -> Stage:
     groups = _groups(alone, alone.rows(x), scatter, [judged[:2]])
     whole = rests.start()
     whole[:p], whole[-4] = x[:p], x[p]
-    return _stage(rests, estimate, whole, scatter, groups)
+    return _stage(estimate, whole, scatter, groups)
 
 
 def gyros(rests: Rests, first: Stage, priors: Sequence[Gaussian]) -> Stage:
@@ -111,7 +111,7 @@ def gyros(rests: Rests, first: Stage, priors: Sequence[Gaussian]) -> Stage:
     groups = (*first.groups, *_groups(rests, rows, scatter, judged)[1:])
     whiten = whitener(rests, rows, scatter, norms=False)
     estimate = _considered(rests, fit, first.estimate, whiten(rows.jacobian))
-    return _stage(rests, estimate, x, scatter, groups)
+    return _stage(estimate, x, scatter, groups)
 
 
 def together(rests: Rests, last: Stage, priors: Sequence[Gaussian]) -> Stage:
@@ -122,7 +122,7 @@ def together(rests: Rests, last: Stage, priors: Sequence[Gaussian]) -> Stage:
     x[free] = estimate.value
     judged = [(group.chi2, group.dof) for group in last.groups]
     groups = _groups(rests, rests.rows(x), last.scatter, judged)
-    return _stage(rests, estimate, x, last.scatter, groups)
+    return _stage(estimate, x, last.scatter, groups)
 
 
 def _free(rests: Rests, coefficients: Places, beside: int) -> Places:
@@ -215,19 +215,20 @@ def _considered(rests: Rests, fit: Estimate, first: Estimate, jacobian: Array) -
     )
 
 
-def _stage(
-    rests: Rests, estimate: Estimate, x: Array, scatter: Scatter, groups: tuple[Group, ...]
-) -> Stage:
-    """Return the stage, with the drift that all rests share in the biases' variances."""
+def with_shared_drift(rests: Rests, estimate: Estimate) -> Estimate:
+    """Return the estimate with the drift that all rests share in the biases' variances."""
     covariance = estimate.covariance.copy()
-    for channel, variance in zip(rests.sensor.channels, rests.drift_of_mean, strict=False):
+    for channel, variance in zip(rests.sensor.channels, rests.drift_of_mean, strict=True):
         for name in (f"{channel}.k0", f"{channel}.bias"):
             if name in estimate.names:
                 k = estimate.names.index(name)
                 covariance[k, k] += variance
+    return replace(estimate, covariance=covariance)
+
+
+def _stage(estimate: Estimate, x: Array, scatter: Scatter, groups: tuple[Group, ...]) -> Stage:
     judged = replace(
         estimate,
-        covariance=covariance,
         groups=groups,
         chi2=np.array(sum(group.chi2 for group in groups)),
         dof=sum(group.dof for group in groups),

@@ -97,7 +97,7 @@ def judge(outcome: Outcome) -> Judgement:
     """Return the verdict with its colour.
 
     "bad": the fit did not converge, the audit refused something, a scale is far from nominal, or
-    uncertainties had to be more than doubled. "care": a warning, residuals larger than stated, or
+    the Birge ratio doubled uncertainties. "care": a warning, residuals larger than stated, or
     no residuals to judge by. Else "good".
     """
     estimate = outcome.estimate

@@ -16,7 +16,7 @@ from inercal.recording import Mark, Recording
 from inercal.report import drawing
 from inercal.report.drawing import AXES, BAND, FAINT, INK, MUTED, WARN, svg
 from inercal.report.figures import KINDS
-from inercal.segments import Rests, scatter
+from inercal.segments import FoundRests, scatter
 from inercal.sensors import Sensor
 
 Array = NDArray[np.float64]
@@ -130,7 +130,7 @@ def _name(axes: Axes, outcome: Outcome, recording: Recording) -> None:
 
 
 @drawing.style
-def scatters(recording: Recording, sensor: Sensor, rests: Rests) -> Markup:
+def scatters(recording: Recording, sensor: Sensor, rests: FoundRests) -> Markup:
     """Return what rests were found by: the scatter over time, with the thresholds that it met."""
     figure, rows = _stack(1.3, len(rests.levels), recording.duration)
     stretch = -(-recording.time.size // POINTS)

@@ -7,10 +7,10 @@ from inercal.segments.detect import find_marks
 from inercal.segments.levels import scatter
 from inercal.segments.marks import check_marks, marks_from_labels
 from inercal.segments.passages import between_rests
-from inercal.segments.rests import Rests, find_rests
+from inercal.segments.rests import FoundRests, find_rests
 
 __all__ = [
-    "Rests",
+    "FoundRests",
     "as_found",
     "between_rests",
     "check_against_plan",

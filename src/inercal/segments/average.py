@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from inercal.errors import InputError
 from inercal.plan import Hold, Step, Turn
 from inercal.recording import Mark, Observations, Recording
+from inercal.segments.attitudes import FLAWS
 from inercal.segments.drift import drift_covariance
 from inercal.segments.tremor import without_tremor
 from inercal.sensors import Sensor
@@ -32,6 +33,7 @@ def observe(
     steps: Sequence[Step],
     *,
     by_hand: bool = False,
+    found: bool = False,
 ) -> Observations:
     """Return one row for each step that is marked, in the order of `steps`.
 
@@ -45,6 +47,8 @@ def observe(
     by_hand : bool
         The sensor trembles: the accelerometers' noise is judged along gravity
         (`inercal.segments.tremor`). Without a trial axis.
+    found : bool
+        The marks were found by how the sections scatter, which is not judged once more.
 
     Raises
     ------
@@ -72,7 +76,8 @@ def observe(
     if not holds:
         raise InputError(f"{recording.source}: no position at rest is marked")
     scatter = np.stack([section(step).std(axis=-2) for step in holds])
-    _refuse_moves(recording, [step.label for step in holds], scatter)
+    if not found:
+        _refuse_moves(recording, [step.label for step in holds], scatter)
     batches = max(4, min(BATCHES, -(-_FREEDOM // len(holds)) + 1))
     of_holds, dof = pooled_mean_covariances(map(section, holds), batches)
     samples = np.array([by_label[step.label].stop - by_label[step.label].start for step in used])
@@ -98,6 +103,7 @@ def observe(
             durations,
             recording.duration,
         ),
+        rounding=coarse,
     )
 
 
@@ -136,7 +142,7 @@ def _refuse_flaws(recording: Recording, mark: Mark, step: Step, channels: Sequen
     """Refuse a section that holds saturated or stuck samples, or a turn with samples lost."""
     where = f"{recording.source}: section {mark.label} (samples {mark.start} to {mark.stop})"
     for flaw in recording.findings:
-        if flaw.what not in ("saturation", "stuck") or flaw.start is None or flaw.stop is None:
+        if flaw.what not in FLAWS or flaw.start is None or flaw.stop is None:
             continue
         relevant = flaw.channel is None or flaw.channel in channels
         if relevant and flaw.start < mark.stop and flaw.stop > mark.start:

@@ -163,8 +163,8 @@ def level_of(
     stay = round(_STAY / WINDOW * window)
     counted, every = _kernels.histogram(*given, lowest, top, stay, _BINS)
     width = log(top / lowest) / _BINS
-    bins, ratio = _otsu(counted)
-    split = bins if ratio * width > 2 * log(APART) else _BINS
+    place, apart = _otsu(counted)
+    split = place if apart * width > 2 * log(APART) else _BINS
 
     def deviation(place: float) -> float:
         return sqrt(lowest * exp(width * place) / axes.columns.size)

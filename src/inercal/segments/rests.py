@@ -44,7 +44,7 @@ _SETTLED = 5.0  # deviations of the means; white noise and a hand's sway stay wi
 
 
 @dataclass(frozen=True)
-class Rests:
+class FoundRests:
     """Rests that were found, and by what.
 
     Parameters
@@ -65,7 +65,7 @@ class Rests:
     finding: Finding
 
 
-def find_rests(recording: Recording, sensor: Sensor) -> Rests:
+def find_rests(recording: Recording, sensor: Sensor) -> FoundRests:
     """Return the rests of a recording.
 
     Parameters
@@ -132,7 +132,7 @@ def find_rests(recording: Recording, sensor: Sensor) -> Rests:
     )
     shortened = int((settled != found).any(axis=1).sum()) - crept
     finding = Finding("note", "rests", _said(recording, marks, levels, crept, shortened))
-    return Rests(marks, levels, window / rate, finding)
+    return FoundRests(marks, levels, window / rate, finding)
 
 
 def _settled(
