@@ -23,7 +23,7 @@ from inercal.io.means import read_means
 from inercal.io.read import Columns, read_recording
 from inercal.io.rest import audit_rest_norm
 from inercal.io.table import sha256_of
-from inercal.methods.timing import delay
+from inercal.methods.multi_position.timing import delay
 from inercal.motion import Motion
 from inercal.plan import Step, Turn
 from inercal.recording import Finding, Mark, Observations, Recording

@@ -13,9 +13,9 @@ import pytest
 from numpy.typing import NDArray
 
 from inercal import calibrate
-from inercal.methods.chain import whitener
 from inercal.methods.multi_position import joint
-from inercal.methods.rests import Rests, Scatter
+from inercal.methods.multi_position.chain import whitener
+from inercal.methods.multi_position.rests import Rests, Scatter
 from inercal.pipeline import Outcome
 from inercal.recording import Observations
 

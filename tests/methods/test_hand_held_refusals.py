@@ -13,7 +13,7 @@ from inercal.benches import Hand
 from inercal.errors import NotObserved
 from inercal.estimate import Estimate
 from inercal.methods import METHODS
-from inercal.methods.coverage import CUBE
+from inercal.methods.multi_position.coverage import CUBE
 from inercal.plan import Hold
 from inercal.recording import Mark, Recording
 from inercal.segments import as_found, between_rests, held, observe

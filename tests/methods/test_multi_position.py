@@ -22,12 +22,12 @@ from tests.accuracy.handheld import (
 from inercal.benches import Hand
 from inercal.errors import NotObserved
 from inercal.estimate.spread import Spread
-from inercal.methods._kernels import carry
-from inercal.methods.chain import whitener
 from inercal.methods.multi_position import METHOD, joint, sequential
-from inercal.methods.rests import Rests, Scatter
-from inercal.methods.rotations import affine
-from inercal.methods.timing import delay
+from inercal.methods.multi_position._kernels import carry
+from inercal.methods.multi_position.chain import whitener
+from inercal.methods.multi_position.rests import Rests, Scatter
+from inercal.methods.multi_position.rotations import affine
+from inercal.methods.multi_position.timing import delay
 from inercal.recording import Mark, Observations, Passages, Recording
 from inercal.segments.average import observe
 from inercal.segments.passages import between_rests

@@ -10,8 +10,8 @@ from tests.accuracy.handheld import Session, record
 from inercal.benches import Hand
 from inercal.estimate.spread import Spread
 from inercal.methods import METHODS
-from inercal.methods.rests import Rests, Scatter
-from inercal.methods.stages import accelerometers, gyros
+from inercal.methods.multi_position.rests import Rests, Scatter
+from inercal.methods.multi_position.stages import accelerometers, gyros
 from inercal.recording import Mark, Recording
 from inercal.segments import as_found, between_rests, observe
 from inercal.sensors import imu

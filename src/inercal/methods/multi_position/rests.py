@@ -9,7 +9,7 @@ Three kinds of rows, for r rests and k passages::
 f̂ is what the accelerometers' mean readings say by the model. Their errors enter the norm of the
 rest and the rotations to and from it, so that neighbouring rotations are correlated. In the order
 norm 1, rates 1, rotation 1, norm 2, … the covariance is a band, and is whitened as one
-(`inercal.methods.chain`).
+(`inercal.methods.multi_position.chain`).
 
 The gyros' noise at a rest is in its mean rate and in the rotations to and from it.
 
@@ -30,7 +30,7 @@ from inercal.benches import Hand
 from inercal.benches.hand import across
 from inercal.estimate.spread import Spread
 from inercal.frames import exp_so3, from_up
-from inercal.methods.rotations import Carried, Rotations, carried, rotations
+from inercal.methods.multi_position.rotations import Carried, Rotations, carried, rotations
 from inercal.motion import Motion
 from inercal.observe import Norm, norm
 from inercal.recording import Observations, Passages

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky_banded, solve_banded
 
-from inercal.methods.rests import Rests, Rows, Scatter
+from inercal.methods.multi_position.rests import Rests, Rows, Scatter
 
 Array = NDArray[np.float64]
 Whiten = Callable[[Array], Array]

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.estimate import Estimate, Gaussian, Group, Problem, least_squares
-from inercal.methods.chain import NORM, RATES, noise, whitener
-from inercal.methods.rests import Rests, Rows, Scatter
-from inercal.methods.scatter import of_norms, of_rates, of_rotations
+from inercal.methods.multi_position.chain import NORM, RATES, noise, whitener
+from inercal.methods.multi_position.rests import Rests, Rows, Scatter
+from inercal.methods.multi_position.scatter import of_norms, of_rates, of_rotations
 from inercal.sensors import G0
 
 Array = NDArray[np.float64]

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 from scipy.special import fdtrc
 
 from inercal.estimate import Estimate
-from inercal.methods.coverage import Errors, next_attitudes
-from inercal.methods.missing import attitudes_in_words
-from inercal.methods.rests import Rests
+from inercal.methods.multi_position.coverage import Errors, next_attitudes
+from inercal.methods.multi_position.missing import attitudes_in_words
+from inercal.methods.multi_position.rests import Rests
 from inercal.units import digits
 
 Array = NDArray[np.float64]

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.estimate.spread import Spread, chi_squared, spread
-from inercal.methods.chain import NORM, noise, whitener
-from inercal.methods.rests import Rests, Rows, Scatter
+from inercal.methods.multi_position.chain import NORM, noise, whitener
+from inercal.methods.multi_position.rests import Rests, Rows, Scatter
 
 Array = NDArray[np.float64]
 Places = NDArray[np.int64]

@@ -1,6 +1,6 @@
 """Refusal of rests and turns that leave coefficients open.
 
-A combination of coefficients is not observed where the errors of `inercal.methods.coverage.Errors`
+A combination of coefficients is not observed where the errors of a geometry (`coverage.Errors`)
 would shift it by a tenth of its natural size (10 % of scale, 0.1 g of bias, 0.1 rad).
 """
 
@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from inercal.errors import NotObserved
 from inercal.estimate import Gaussian
-from inercal.methods.coverage import Errors, next_attitudes
+from inercal.methods.multi_position.coverage import Errors, next_attitudes
+from inercal.methods.multi_position.rests import Rests
 from inercal.methods.observed import OBSERVED, in_natural_words
-from inercal.methods.rests import Rests
 from inercal.plan import Hold
 from inercal.sensors import G0
 

@@ -7,8 +7,8 @@ to the next, the residual is what is left across û at its end::
 
 The gyros feel the earth's rate too, by which gravity turns with them: E = exp(ω_e T) takes it away.
 A turn about the vertical is not seen. The derivatives are exact to first order: R û moves by
-û × ψ with ψ = Σ C δω Δt (`inercal.methods._kernels`), δω by the inverse of the sensor's model, and
-û by the part of δf̂ across it over its length.
+û × ψ with ψ = Σ C δω Δt (`_kernels`), δω by the inverse of the sensor's model, and û by the part
+of δf̂ across it over its length.
 
 Source: Tedaldi, Pretto, Menegatti, "A robust and easy to implement method for IMU calibration
 without external equipments", ICRA 2014, 3042–3049, equations 14 to 16; the errors of û, which
@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from inercal.errors import NotInvertible
 from inercal.frames import exp_so3, skew
-from inercal.methods._kernels import carry
+from inercal.methods.multi_position._kernels import carry
 from inercal.motion import Motion
 from inercal.recording import Passages
 from inercal.sensors import Sensor

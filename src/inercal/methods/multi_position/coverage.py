@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from inercal.benches.hand import across
 from inercal.errors import InputError
 from inercal.frames import exp_so3, skew
-from inercal.methods.rotations import affine
+from inercal.methods.multi_position.rotations import affine
 from inercal.motion import Motion
 from inercal.observe import norm
 from inercal.plan import Hold

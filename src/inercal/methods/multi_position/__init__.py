@@ -25,12 +25,12 @@ from inercal.benches import Hand
 from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian
 from inercal.methods._base import Method
-from inercal.methods.advice import advice, g_sensitivity
-from inercal.methods.coverage import hand_held
-from inercal.methods.missing import require_covered
+from inercal.methods.multi_position.advice import advice, g_sensitivity
+from inercal.methods.multi_position.coverage import hand_held
+from inercal.methods.multi_position.missing import require_covered
+from inercal.methods.multi_position.rests import Rests
+from inercal.methods.multi_position.stages import accelerometers, gyros, together, with_shared_drift
 from inercal.methods.observed import require_observed
-from inercal.methods.rests import Rests
-from inercal.methods.stages import accelerometers, gyros, together, with_shared_drift
 from inercal.plan import Step
 from inercal.recording import Observations
 from inercal.sensors import Sensor

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from inercal.errors import NotObserved
 from inercal.estimate import Estimate
-from inercal.methods._kernels import lag
-from inercal.methods.rotations import affine
+from inercal.methods.multi_position._kernels import lag
+from inercal.methods.multi_position.rotations import affine
 from inercal.observe import norm
 from inercal.recording import Observations
 from inercal.sensors import Sensor
