@@ -72,8 +72,8 @@ def norm(sensor: Sensor, y: Array, c: Array, g: Array) -> Norm:
         Readings in SI.
     c : (..., p) array
         Coefficients in SI.
-    g : (...) array
-        Norm of specific force, m/s².
+    g : (..., r) or (..., 1) array
+        Norm of specific force in each row, or in all of them, m/s².
     """
     felt = inverse(sensor, y, c).f
     _, design, slope = sensor.linearise(Motion(felt), c)
@@ -84,4 +84,4 @@ def norm(sensor: Sensor, y: Array, c: Array, g: Array) -> Norm:
     jacobian = np.empty((*length.shape, c.shape[-1] + 1))
     jacobian[..., :-1] = (up[..., None, :] @ by_coefficient)[..., 0, :]
     jacobian[..., -1] = -1.0
-    return Norm(g[..., None] - length, jacobian, felt, up, by_coefficient, back)
+    return Norm(g - length, jacobian, felt, up, by_coefficient, back)

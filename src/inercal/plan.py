@@ -42,6 +42,19 @@ class Turn:
         return f"turn by {self.angle * 180 / pi:+.0f}° about {direction(self.axis)}"
 
 
+@dataclass(frozen=True)
+class Spin:
+    """Turn the arm of a centrifuge at a steady `rate`, rad/s, the sensor in some attitude."""
+
+    label: str
+    rate: float
+    seconds: float = 1.0
+
+    def in_words(self) -> str:
+        """Return what to do: "spin at 60 rpm"."""
+        return f"spin at {abs(self.rate) * 30 / pi:.4g} rpm"
+
+
 Step = Hold | Turn
 
 

@@ -7,9 +7,9 @@ acceptance and end; the damping follows the gain of the last step (Nielsen 1999,
 The search starts undamped, since calibrations are nearly linear.
 
 A trial has converged when the error its next step would still have is nothing beside its cost:
-with δ₀, δ the last two steps in standard deviations, δ²·min(1, δ²/δ₀²) < 10⁻¹⁵ cost + 10⁻²⁰
-(δ² alone where weights are iterated); or when the step is below 10⁻¹² of every parameter or of its
-typical size. That step is still taken.
+with δ₀, δ the last two steps in standard deviations, δ²·min(1, δ²/δ₀²) < 10⁻¹⁵ cost + ε, ε what
+rounding makes (δ² alone where weights are iterated); or when the step is below 10⁻¹² of every
+parameter or of its typical size. That step is still taken.
 """
 
 import numpy as np
@@ -131,7 +131,7 @@ def _search(
         tried = system.point(x, residual, jacobian, whitener)
         fall = cost - _cost(tried, loss)
         # Where the promise is no more than the rounding of the cost, so is the fall: no failure.
-        slack = system.problem.rounding * cost + 1e-20
+        slack = system.problem.rounding * cost + _floor(system)
         gain = np.where(predicted > 1e3 * slack, fall / np.maximum(predicted, slack), 1.0)
         # A point that is not finite falls by NaN, and so is refused.
         accepted = ~active | (ok & (fall >= -slack) & (gain > 1e-3))
@@ -182,7 +182,12 @@ def _settled(
     rate = predicted / np.maximum(previous, predicted + np.finfo(float).tiny)
     size = 1e-12 * np.maximum(np.abs(x), system.problem.scale)
     tiny = np.all(np.abs(move) <= size, axis=-1)
-    return tiny | (predicted * np.where(previous > 0, rate, 1.0) <= 1e-15 * cost + 1e-20)
+    return tiny | (predicted * np.where(previous > 0, rate, 1.0) <= 1e-15 * cost + _floor(system))
+
+
+def _floor(system: System) -> float:
+    """Return the cost that rounding alone makes where the observations agree with the model."""
+    return 1e-20 + system.m * system.problem.rounding**2
 
 
 def _cost(point: Point, loss: Loss | None) -> Array:

@@ -58,7 +58,7 @@ def rest_rows(sensor: Sensor, up: Array, g: float, errors: Errors) -> Array:
     motion = Motion(g * up)
     reading = force.forward(motion, nominal[:a])
     rows = np.zeros((len(up), 1 + len(sensor.axes) - len(force.axes), p))
-    rows[:, 0, :a] = norm(force, reading, nominal[:a], np.array(g)).jacobian[:, :-1] / errors.norm
+    rows[:, 0, :a] = norm(force, reading, nominal[:a], np.array([g])).jacobian[:, :-1] / errors.norm
     rows[:, 1:] = sensor.design(motion, nominal)[:, len(force.axes) :] / errors.rate
     return rows * sensor.natural
 

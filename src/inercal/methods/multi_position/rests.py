@@ -149,7 +149,7 @@ class Rests:
     def norms(self, x: Array) -> Norm:
         """Return the norm rows at x, with derivatives to the accelerometers' c and g."""
         a, p = len(self.force.coefficients), len(self.sensor.coefficients)
-        return norm(self.force, self.observations.mean[:, : self.m], x[:a], x[p])
+        return norm(self.force, self.observations.mean[:, : self.m], x[:a], x[p : p + 1])
 
     def rows(self, x: Array, attitude: Array | None = None) -> Rows:
         """Return all rows at x = (c, g, ω_e), (p + 4,).

@@ -50,7 +50,7 @@ def delay(
         raise NotObserved(f"a time offset needs gyros and {_FEWEST} turns between rests")
     force, c = sensor.only("f"), estimate.value[: len(sensor.coefficients)]
     p, m = len(force.coefficients), len(force.axes)
-    up = norm(force, observations.mean[:, :m], c[:p], np.array(gravity)).up
+    up = norm(force, observations.mean[:, :m], c[:p], np.array([gravity])).up
     model = affine(sensor, c)
     along, square = lag(
         way.time, way.output, way.left, way.reached, model.back, model.zero, up[way.rest], gravity

@@ -1,0 +1,213 @@
+"""Accelerometers on a precision centrifuge, from the norm of what they feel.
+
+In any attitude on the arm specific force has the norm √(a² + g²), a the centripetal acceleration:
+no attitude has to be known. At rates that press tens of g on the sensor its quadratic terms show
+besides bias and scale factor.
+
+`ml` compares ‖f̂‖, f̂ the inverse of the sensor's exact model, with the norm that the bench makes,
+weighted by the readings' noise seen along f̂ and by what differs from dwell to dwell; what the whole
+run shares (radius, stretch, rate, tilt, gravity, earth's rate) are nuisances with their stated
+deviations. `series` and `paper` are closed formulas (`inercal.methods.centrifuge_norm.closed`).
+
+Rotating the triad changes no norm: of the misalignments only the non-orthogonality is seen.
+
+Source: Wang Shiming, Li Mengzhen, Navigation Positioning and Timing 8(6), 2021 (the observation);
+IEEE Std 836 (the bench); `ml` is ours.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches.centrifuge import Centrifuge, felt_norm
+from inercal.errors import InputError
+from inercal.estimate import Estimate, Gaussian, Problem, least_squares
+from inercal.methods.centrifuge_norm import closed
+from inercal.methods.observed import require_observed
+from inercal.observe import norm
+from inercal.plan import Spin
+from inercal.recording import Observations
+from inercal.sensors import G0, Sensor
+from inercal.uncertainty import propagate
+
+Array = NDArray[np.float64]
+_ROUNDING = 2.0**-50  # of a norm, by the few operations that give it
+_NATURAL = {"m/s²": G0, "m": 1.0, "(m/s²)⁻¹": 1 / G0, "1": 1.0, "rad": 1.0, "rad/s": 1.0}
+
+
+def ml(
+    observations: Observations,
+    sensor: Sensor,
+    bench: Centrifuge,
+    steps: Sequence[Spin],
+    priors: Sequence[Gaussian] = (),
+) -> Estimate:
+    """Return the sensor's coefficients and the bench's nuisances by maximum likelihood.
+
+    Parameters
+    ----------
+    observations : Observations
+        One row a dwell, (..., r, m) in SI.
+    sensor : Sensor
+        Accelerometers with the coefficients that are wanted, in the tilted form where nonlinear
+        terms and misalignments are found together.
+    bench : Centrifuge
+    steps : sequence of r Spin
+        Of the rows.
+    priors : sequence of Gaussian
+        On coefficients, from elsewhere: a static multi-position test knows bias and scale best.
+
+    Raises
+    ------
+    NotObserved
+        Coefficients that these dwells leave open.
+    """
+    estimate = least_squares(problem(observations, sensor, bench, steps, priors))
+    require_observed(estimate, sensor, missing=())
+    return estimate
+
+
+def problem(
+    observations: Observations,
+    sensor: Sensor,
+    bench: Centrifuge,
+    steps: Sequence[Spin],
+    priors: Sequence[Gaussian] = (),
+) -> Problem:
+    """Return the estimation problem of `ml`."""
+    p = len(sensor.coefficients)
+    loose = [parameter for parameter in bench.parameters if parameter.sd > 0]
+    known = {parameter.name: np.array(parameter.value) for parameter in bench.parameters}
+
+    def felt(x: Array):
+        return felt_norm(bench, steps, known | {q.name: x[..., p + k] for k, q in enumerate(loose)})
+
+    def linearise(x: Array) -> tuple[Array, Array]:
+        made = felt(x)
+        seen = norm(sensor, observations.mean, x[..., :p], made.norm)
+        rows = np.broadcast_shapes(seen.residual.shape, made.norm.shape)
+        jacobian = np.empty((*rows, p + len(loose)))
+        jacobian[..., :p] = seen.jacobian[..., :-1]
+        for k, parameter in enumerate(loose):
+            jacobian[..., p + k] = -made.by[parameter.name]
+        return seen.residual, jacobian
+
+    def noise(x: Array) -> Array:
+        made = felt(x)
+        seen = norm(sensor, observations.mean, x[..., :p], made.norm)
+        along = (seen.up[..., None, :] @ seen.by_reading)[..., 0, :]
+        variance = np.einsum("...i,...ij,...j->...", along, observations.covariance, along)
+        return np.sqrt(variance + made.dwell**2)
+
+    names = (*sensor.coefficients, *(parameter.name for parameter in loose))
+    values = [parameter.value for parameter in loose]
+    start = np.concatenate([np.zeros(p), values])
+    own = Gaussian.independent(tuple(names[p:]), values, [parameter.sd for parameter in loose])
+    return Problem(
+        names=names,
+        start=start,
+        linearise=linearise,
+        noise=noise,
+        scale=np.concatenate([sensor.natural, [_NATURAL[q.unit] for q in loose]]),
+        priors=(own, *priors) if loose else tuple(priors),
+        wanted=sensor.coefficients,
+        observations=observations.labels,
+        # A norm of tens of g is rounded at a millionth of what it is known to.
+        rounding=float(np.max(felt(start).norm / noise(start))) * _ROUNDING,
+    )
+
+
+def series(
+    observations: Observations,
+    sensor: Sensor,
+    bench: Centrifuge,
+    steps: Sequence[Spin],
+    priors: Sequence[Gaussian] = (),
+) -> Estimate:
+    """Return k0, k1 and k2 by the series' first three coefficients, rows weighted alike.
+
+    The covariance holds the readings' noise alone: the bench is taken as exact.
+
+    Raises
+    ------
+    InputError
+        Priors, a trial axis, or other coefficients than k0, k1, k2 of three accelerometers.
+    NotObserved
+        Dwells that leave the regression short of rank.
+    """
+    return _closed("series", closed.series, observations, sensor, bench, steps, priors)
+
+
+def paper(
+    observations: Observations,
+    sensor: Sensor,
+    bench: Centrifuge,
+    steps: Sequence[Spin],
+    priors: Sequence[Gaussian] = (),
+) -> Estimate:
+    """Return k0, k1 and k2 as the source does, for comparison: k2 from the fourth powers.
+
+    Raises
+    ------
+    InputError
+        As of `series`, or a fourth coefficient that is negative: it has no square root.
+    NotObserved
+        Dwells that leave the regression short of rank.
+    """
+    return _closed("paper", closed.paper, observations, sensor, bench, steps, priors)
+
+
+def _closed(
+    name: str,
+    invert: closed.Invert,
+    observations: Observations,
+    sensor: Sensor,
+    bench: Centrifuge,
+    steps: Sequence[Spin],
+    priors: Sequence[Gaussian],
+) -> Estimate:
+    if priors:
+        raise InputError(f"estimator {name} takes no priors; use ml")
+    mean = observations.mean
+    if mean.ndim != 2:
+        raise InputError(f"estimator {name} works on one table at a time")
+    singular = closed.require_possible(sensor, mean, name)
+    known = {parameter.name: np.array(parameter.value) for parameter in bench.parameters}
+    made = felt_norm(bench, steps, known)
+    weight = np.ones(len(mean))
+
+    def formulas(flat: Array) -> Array:
+        y = flat.reshape(*flat.shape[:-1], *mean.shape)
+        return closed.coefficients(sensor, y, made.norm, weight, invert)
+
+    value, spread = propagate(formulas, mean.ravel(), observations.full_covariance)
+    if not np.isfinite(value).all():
+        lost = sorted(
+            {
+                n.partition(".")[0]
+                for n, v in zip(sensor.coefficients, value, strict=True)
+                if not np.isfinite(v)
+            }
+        )
+        raise InputError(
+            f"estimator {name}: the noise is larger than what k2 leaves in the fourth powers of "
+            f"{', '.join(lost)}, whose square root it takes; use series or ml"
+        )
+    return Estimate(
+        names=sensor.coefficients,
+        value=value,
+        covariance=spread,
+        chi2=np.zeros(()),
+        dof=0,
+        residual=np.zeros(0),
+        whitened=np.zeros(0),
+        observations=(),
+        wanted=sensor.coefficients,
+        rank=len(value),
+        singular_values=singular,
+        null_directions=(),
+        weakest=None,
+        converged=np.array(True),
+        iterations=np.array(0),
+    )
