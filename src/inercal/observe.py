@@ -62,7 +62,8 @@ def norm(sensor: Sensor, y: Array, c: Array, g: Array) -> Norm:
     """Return the residuals 0 − (‖f̂‖ − g) of readings in unknown attitudes, with f̂ = h⁻¹(y; c).
 
     By h(f̂; c) = y the derivative of f̂ is −S⁻¹ ∂h/∂c to the coefficients and S⁻¹ to the reading,
-    with S = ∂h/∂f; that of ‖f̂‖ is the part along f̂.
+    with S = ∂h/∂f; that of ‖f̂‖ is the part along f̂. Readings beyond the fold of the model have a
+    residual that is not a number, so that a search turns back from them.
 
     Parameters
     ----------
@@ -75,7 +76,10 @@ def norm(sensor: Sensor, y: Array, c: Array, g: Array) -> Norm:
     g : (..., r) or (..., 1) array
         Norm of specific force in each row, or in all of them, m/s².
     """
-    felt = inverse(sensor, y, c).f
+    felt = inverse(sensor, y, c, refuse=False).f
+    seen = np.asarray(np.isfinite(felt).all(axis=-1))
+    if not seen.all():
+        felt = np.where(seen[..., None], felt, 1.0)
     _, design, slope = sensor.linearise(Motion(felt), c)
     back = np.asarray(np.linalg.pinv(slope[..., :3]), dtype=np.float64)
     by_coefficient = -back @ design
@@ -84,4 +88,4 @@ def norm(sensor: Sensor, y: Array, c: Array, g: Array) -> Norm:
     jacobian = np.empty((*length.shape, c.shape[-1] + 1))
     jacobian[..., :-1] = (up[..., None, :] @ by_coefficient)[..., 0, :]
     jacobian[..., -1] = -1.0
-    return Norm(g - length, jacobian, felt, up, by_coefficient, back)
+    return Norm(np.where(seen, g - length, np.nan), jacobian, felt, up, by_coefficient, back)

@@ -6,6 +6,7 @@ from numpy.testing import assert_allclose
 
 from inercal.errors import InputError, NotInvertible
 from inercal.motion import Motion
+from inercal.observe import norm
 from inercal.sensors import (
     ACCELEROMETER,
     G0,
@@ -159,6 +160,16 @@ def test_inverse_refuses_where_the_model_folds_back():
     sensor = triad().with_coefficients("k2")
     with pytest.raises(NotInvertible, match="fold"):
         inverse(sensor, np.full((1, 3), 50 * G0), np.full(3, -0.1 / G0))
+
+
+def test_a_search_is_told_where_the_model_folds_back_and_goes_on():
+    sensor, c = triad().with_coefficients("k2"), np.full(3, -0.1 / G0)
+    readings = np.array([[1.0, 1.0, 1.0], [50.0, 1.0, 1.0]]) * G0
+    felt = inverse(sensor, readings, c, refuse=False).f
+    assert np.isfinite(felt).all(axis=1).tolist() == [True, False]
+    seen = norm(sensor, readings, c, np.full(2, 3**0.5 * G0))
+    assert np.isfinite(seen.residual).tolist() == [True, False]
+    assert np.isfinite(seen.jacobian).all()
 
 
 def test_a_redundant_cluster_inverts_in_the_sense_of_least_squares():

@@ -26,6 +26,7 @@ def inverse(
     w: Array | None = None,
     dw: Array | None = None,
     dT: Array | float = 0.0,
+    refuse: bool = True,
 ) -> Motion:
     """Return the motion that reads `y`.
 
@@ -44,6 +45,8 @@ def inverse(
         Angular acceleration, rad/s², where lever arms are modelled.
     dT : (..., n) array or float
         Temperature minus reference, K.
+    refuse : bool
+        Otherwise readings beyond the fold of the model give NaN, as a search may try them.
 
     Raises
     ------
@@ -77,7 +80,7 @@ def inverse(
             part = np.s_[..., start : start + _CHUNK, :]
             dT_part = temperature[..., start : start + _CHUNK]
             felt[part] = _newton(
-                sensor, y[part], c, across[part], rates[part], dT_part, basis, start
+                sensor, y[part], c, across[part], rates[part], dT_part, basis, start, refuse
             )
     return Motion(felt[..., :3], felt[..., 3:], np.asarray(rates), temperature)
 
@@ -134,6 +137,7 @@ def _newton(
     dT: Array,
     basis: Array,
     first: int,
+    refuse: bool,
 ) -> Array:
     """Return (f, ω), (..., n, 6), for one chunk that begins at sample `first`."""
     origin = _motion(across, rates, dT)
@@ -158,8 +162,10 @@ def _newton(
     slope = sensor.slope(motion, c) @ basis
     unsettled = (np.abs(step) > 1e-12 * size).any(axis=-1)
     folded = _determinant(slope) * _determinant(at_origin) <= 0
-    if (unsettled | folded).any():
-        bad = unsettled | folded
+    bad = unsettled | folded
+    if not refuse:
+        x = np.where(bad[..., None], np.nan, x)
+    elif bad.any():
         row = int(np.flatnonzero(bad.any(axis=tuple(range(bad.ndim - 1))))[0])
         worst = y[..., row, :].reshape(-1, y.shape[-1])[0]
         raise NotInvertible(

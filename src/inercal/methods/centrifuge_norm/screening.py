@@ -1,0 +1,190 @@
+"""Rows of a table that violate the norm, and the single change that would repair each.
+
+A table typed by hand or copied from print holds lost signs, exchanged columns and wrong digits. The
+norm tells them without any truth: all rows are fitted under Cauchy's loss, whose threshold falls
+from the largest residual by halves to the noise (graduated non-convexity: Blake and Zisserman 1987,
+Visual Reconstruction, chapter 7), so that rows that agree with one another take over. A loss of
+fixed threshold does not: wrong rows bend the fit, and good ones look bad.
+
+Each row that is left out is tried with one change at a time: the sign of an entry, two entries
+exchanged, then one digit of an entry or two neighbouring digits exchanged. The first kind that
+brings the row within its noise is named. Nothing is applied: what was written is for the person
+who has the original.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches.centrifuge import Centrifuge
+from inercal.errors import InputError
+from inercal.estimate import Cauchy, Gaussian, least_squares
+from inercal.methods.centrifuge_norm import problem
+from inercal.plan import Spin
+from inercal.recording import Observations
+from inercal.sensors import Sensor
+
+Array = NDArray[np.float64]
+_END = 1.5  # threshold of the loss at the end, in deviations
+_STEPS = 60
+_SUSPECT = 6.0  # deviations
+_REPAIRED = 4.0
+_HOPELESS = 1e3  # times the stated noise
+_NORMAL = 1.4826  # deviations per median of |u|
+
+
+@dataclass(frozen=True)
+class Repair:
+    """One change of a row: entries before and after, output units, by axis."""
+
+    kind: str  # "sign", "exchange" or "digit"
+    before: dict[str, float]
+    after: dict[str, float]
+
+    def in_words(self) -> str:
+        """Return the change: "sign of az: 0.743943 → −0.743943"."""
+        names = " and ".join(self.before)
+        pairs = [f"{self.before[a]:.9g} → {self.after[a]:.9g}" for a in self.before]
+        what = {"sign": "sign of", "exchange": "exchange of", "digit": "digit of"}[self.kind]
+        return f"{what} {names}: {', '.join(pairs)}".replace("-", "−")
+
+
+@dataclass(frozen=True)
+class Suspect:
+    """A row that violates the norm.
+
+    Parameters
+    ----------
+    label : str
+    row : int
+    residual : float
+        The bench's norm minus that of the reading, m/s².
+    deviations : float
+        The same over its standard deviation.
+    repairs : tuple of Repair
+        All single changes of the simplest kind that bring the row within its noise; empty if none.
+    """
+
+    label: str
+    row: int
+    residual: float
+    deviations: float
+    repairs: tuple[Repair, ...]
+
+    def in_words(self) -> str:
+        """Return the row, how far it is off, and what would repair it."""
+        text = f"{self.label}: norm off by {abs(self.residual):.3g} m/s²"
+        if not self.repairs:
+            return f"{text}; no single change repairs it"
+        return f"{text}; {' or '.join(repair.in_words() for repair in self.repairs)} repairs it"
+
+
+def screen(
+    observations: Observations,
+    sensor: Sensor,
+    bench: Centrifuge,
+    steps: Sequence[Spin],
+    priors: Sequence[Gaussian] = (),
+) -> tuple[Suspect, ...]:
+    """Return the rows that violate the norm, in their order.
+
+    Parameters
+    ----------
+    observations, sensor, bench, steps, priors
+        Of `inercal.methods.centrifuge_norm.ml`.
+
+    Raises
+    ------
+    InputError
+        A trial axis, or rows of which no half agrees.
+    NotObserved
+        Coefficients that these dwells leave open.
+    """
+    if observations.mean.ndim != 2:
+        raise InputError("rows are screened in one table at a time")
+    asked = problem(observations, sensor, bench, steps, priors)
+    fit = least_squares(asked)
+    scale = float(np.abs(fit.whitened).max())
+    noise = 1.0
+    while scale > _END * noise:
+        scale = max(scale / 2, _END * noise)
+        fit = least_squares(replace(asked, start=fit.value), Cauchy(scale), _STEPS)
+        # Noise that is stated too small must not make every row a suspect.
+        noise = max(1.0, _NORMAL * float(np.median(np.abs(fit.whitened))))
+    bad = np.flatnonzero(np.abs(fit.whitened) > _SUSPECT * noise)
+    if noise > _HOPELESS or 2 * len(bad) >= len(steps):
+        raise InputError(
+            f"the rows agree with no norm ({len(bad)} of {len(steps)} stand out, the others "
+            f"scatter {noise:.3g} times as much as stated): look at the rates, the radius and the "
+            "nominal scale before single rows"
+        )
+
+    def misses(rows: Array, k: int) -> Array:
+        """Return how far variants of row k, (v, m) in SI, are off, (v,) in their deviations."""
+        seen = replace(
+            observations,
+            labels=tuple(str(j) for j in range(len(rows))),
+            mean=rows,
+            covariance=np.repeat(observations.covariance[k : k + 1], len(rows), axis=0),
+            duration=np.ones(len(rows)),
+            samples=np.ones(len(rows), dtype=np.int64),
+            time=np.zeros(len(rows)),
+            drift=None,
+        )
+        one = problem(seen, sensor, bench, [steps[k]] * len(rows), priors)
+        residual, jacobian = one.linearise(fit.value)
+        assert callable(one.noise)
+        own = noise * one.noise(fit.value)
+        spread = np.einsum("vi,ij,vj->v", jacobian, noise**2 * fit.covariance, jacobian)
+        return np.abs(residual) / np.sqrt(own**2 + spread)
+
+    suspects: list[Suspect] = []
+    for k in bad.tolist():
+        written = sensor.to_output(observations.mean[k])
+        repairs: tuple[Repair, ...] = ()
+        for changes in _changes(written, sensor.channels):
+            after = np.array([[c.after.get(a, w) for a, w in zip(sensor.channels, written.tolist(),
+                              strict=True)] for c in changes])  # fmt: skip
+            near = misses(sensor.to_si(after), k) < _REPAIRED
+            repairs = tuple(c for c, good in zip(changes, near.tolist(), strict=True) if good)
+            if repairs:
+                break
+        suspects.append(
+            Suspect(
+                observations.labels[k],
+                k,
+                float(fit.residual[k]),
+                float(fit.whitened[k]) / noise,
+                repairs,
+            )
+        )
+    return tuple(suspects)
+
+
+def _changes(written: Array, channels: Sequence[str]) -> Iterator[list[Repair]]:
+    """Yield the single changes of a row, kind by kind, the simplest first."""
+    named = dict(zip(channels, written.tolist(), strict=True))
+    yield [Repair("sign", {a: v}, {a: -v}) for a, v in named.items() if v]
+    yield [
+        Repair("exchange", {a: named[a], b: named[b]}, {a: named[b], b: named[a]})
+        for a, b in combinations(channels, 2)
+        if named[a] != named[b]
+    ]
+    yield [Repair("digit", {a: v}, {a: other}) for a, v in named.items() for other in _digits(v)]
+
+
+def _digits(value: float) -> list[float]:
+    """Return the numbers that differ in one digit as written, or by two neighbours exchanged."""
+    text = f"{value:.9g}"
+    places = [k for k, c in enumerate(text) if c.isdigit()]
+    found = {
+        float(text[:k] + d + text[k + 1 :]) for k in places for d in "0123456789" if d != text[k]
+    }
+    for j, k in pairwise(places):
+        swapped = list(text)
+        swapped[j], swapped[k] = swapped[k], swapped[j]
+        found.add(float("".join(swapped)))
+    return sorted(found - {value})
