@@ -141,3 +141,17 @@ def test_the_calibration_of_an_example_is_the_documented_json(examples: Path, tm
         assert f"`{key}`" in page, key
     for key in (*content["sensor"]["axes"][0]["readout"], "Birge"):
         assert key in page, key
+
+
+def test_the_centrifuge_guide_prints_what_its_example_prints():
+    example = ROOT / "examples" / "centrifuge" / "in_python.py"
+    done = subprocess.run(
+        [sys.executable, str(example)],
+        env=os.environ | {"PYTHONIOENCODING": "utf-8"},
+        capture_output=True,
+        text=True,
+        encoding="utf-8",
+        check=True,
+    )
+    guide = (ROOT / "docs" / "how-to" / "centrifuge.md").read_text(encoding="utf-8")
+    assert f"```text\n{done.stdout}```" in guide
