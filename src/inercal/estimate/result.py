@@ -116,6 +116,29 @@ class Estimate:
     groups: tuple[Group, ...] = ()
     notes: tuple[str, ...] = ()
 
+    @classmethod
+    def of_formulas(
+        cls, names: tuple[str, ...], value: Array, covariance: Array, singular_values: Array
+    ) -> "Estimate":
+        """Return what closed formulas give, (p,): they leave no residual to test them by."""
+        return cls(
+            names=names,
+            value=value,
+            covariance=covariance,
+            chi2=np.zeros(()),
+            dof=0,
+            residual=np.zeros(0),
+            whitened=np.zeros(0),
+            observations=(),
+            wanted=names,
+            rank=len(names),
+            singular_values=singular_values,
+            null_directions=(),
+            weakest=None,
+            converged=np.array(True),
+            iterations=np.array(0),
+        )
+
     @property
     def p_value(self) -> Array:
         """Probability of a χ² at least as large if noise and model are as stated; 1 without dof."""

@@ -69,23 +69,8 @@ def classical(
     flat = observations.mean.ravel()
     value, spread = propagate(formulas, flat, observations.full_covariance)
     information = np.linalg.inv(spread / np.outer(sensor.natural, sensor.natural))
-    return Estimate(
-        names=sensor.coefficients,
-        value=value,
-        covariance=spread,
-        chi2=np.zeros(()),
-        dof=0,
-        residual=np.zeros(0),
-        whitened=np.zeros(0),
-        observations=(),
-        wanted=sensor.coefficients,
-        rank=len(value),
-        singular_values=np.sqrt(np.linalg.eigvalsh(information)[::-1]),
-        null_directions=(),
-        weakest=None,
-        converged=np.array(True),
-        iterations=np.array(0),
-    )
+    singular = np.sqrt(np.linalg.eigvalsh(information)[::-1])
+    return Estimate.of_formulas(sensor.coefficients, value, spread, singular)
 
 
 def _coefficients(

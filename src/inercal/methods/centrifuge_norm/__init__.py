@@ -175,11 +175,10 @@ def _closed(
     singular = closed.require_possible(sensor, mean, name)
     known = {parameter.name: np.array(parameter.value) for parameter in bench.parameters}
     made = felt_norm(bench, steps, known)
-    weight = np.ones(len(mean))
 
     def formulas(flat: Array) -> Array:
         y = flat.reshape(*flat.shape[:-1], *mean.shape)
-        return closed.coefficients(sensor, y, made.norm, weight, invert)
+        return closed.coefficients(sensor, y, made.norm, invert)
 
     value, spread = propagate(formulas, mean.ravel(), observations.full_covariance)
     if not np.isfinite(value).all():
@@ -194,20 +193,4 @@ def _closed(
             f"estimator {name}: the noise is larger than what k2 leaves in the fourth powers of "
             f"{', '.join(lost)}, whose square root it takes; use series or ml"
         )
-    return Estimate(
-        names=sensor.coefficients,
-        value=value,
-        covariance=spread,
-        chi2=np.zeros(()),
-        dof=0,
-        residual=np.zeros(0),
-        whitened=np.zeros(0),
-        observations=(),
-        wanted=sensor.coefficients,
-        rank=len(value),
-        singular_values=singular,
-        null_directions=(),
-        weakest=None,
-        converged=np.array(True),
-        iterations=np.array(0),
-    )
+    return Estimate.of_formulas(sensor.coefficients, value, spread, singular)

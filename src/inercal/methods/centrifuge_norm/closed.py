@@ -55,7 +55,7 @@ def paper(c1: Array, c2: Array, c3: Array, c4: Array) -> tuple[Array, Array, Arr
         return scale, bias, -np.sign(c3) * np.sqrt(c4 * scale**4 / 5)  # (21)
 
 
-def coefficients(sensor: Sensor, y: Array, norm: Array, weight: Array, invert: Invert) -> Array:
+def coefficients(sensor: Sensor, y: Array, norm: Array, invert: Invert) -> Array:
     """Return k0, k1, k2 of each axis in the sensor's order, (..., 9) SI.
 
     Parameters
@@ -66,15 +66,13 @@ def coefficients(sensor: Sensor, y: Array, norm: Array, weight: Array, invert: I
         Readings, m/s².
     norm : (r,) array
         What was felt, m/s².
-    weight : (r,) array
-        Of each row's equation for n².
     invert : callable
         `series` or `paper`.
     """
     rows, target = design(y / G0), (norm / G0) ** 2
     size = np.linalg.norm(rows, axis=-2, keepdims=True)
-    q, r = np.linalg.qr(rows / size * weight[:, None])
-    right = np.swapaxes(q, -1, -2) @ (target * weight)[:, None]
+    q, r = np.linalg.qr(rows / size)
+    right = np.swapaxes(q, -1, -2) @ target[:, None]
     c = np.linalg.solve(r, right)[..., 0] / size[..., 0, :]
     scale, bias, bend = invert(*(c[..., k : k + 3] for k in (1, 4, 7, 10)))
     by_short = {"k0": bias * G0, "k1": scale - 1, "k2": scale * bend / G0}

@@ -146,8 +146,10 @@ def screen(
         written = sensor.to_output(observations.mean[k])
         repairs: tuple[Repair, ...] = ()
         for changes in _changes(written, sensor.channels):
-            after = np.array([[c.after.get(a, w) for a, w in zip(sensor.channels, written.tolist(),
-                              strict=True)] for c in changes])  # fmt: skip
+            after = np.tile(written, (len(changes), 1))
+            for row, change in zip(after, changes, strict=True):
+                for axis, value in change.after.items():
+                    row[sensor.channels.index(axis)] = value
             near = misses(sensor.to_si(after), k) < _REPAIRED
             repairs = tuple(c for c, good in zip(changes, near.tolist(), strict=True) if good)
             if repairs:
