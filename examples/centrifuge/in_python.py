@@ -23,6 +23,7 @@ spins = [
 bench = Centrifuge(
     gravity=parse("9.80123 m/s² ± 0.1 mm/s²", "m/s²"),
     radius=parse("1.00000 m ± 20 µm", "m"),
+    latitude=parse("39 ° ± 0.1 °", "°"),
     rate=1e-6,
 )
 # 1.25 V/g nominal; 10 µV is the standard deviation of a mean.

@@ -67,6 +67,31 @@ def exp_so3(rotvec: ArrayLike) -> Array:
     return np.eye(3) + first * cross + 2 * half**2 * (cross @ cross)
 
 
+def left_jacobian(rotvec: ArrayLike) -> Array:
+    """Return J with exp(ρ + δ) = exp(J δ) exp(ρ) to first order in δ.
+
+    J = I + ((1 − cos θ)/θ²) [ρ×] + ((θ − sin θ)/θ³) [ρ×]² (Solà, Deray and Atchuthan 2018, A micro
+    Lie theory for state estimation in robotics, equation 145).
+
+    Parameters
+    ----------
+    rotvec : (..., 3) array
+        ρ, rad.
+
+    Returns
+    -------
+    (..., 3, 3) array
+    """
+    rotvec = np.asarray(rotvec, dtype=float)
+    angle = np.linalg.norm(rotvec, axis=-1)[..., None, None]
+    small = angle < 1e-3
+    safe = np.where(small, 1.0, angle)
+    once = np.where(small, 0.5 - angle**2 / 24, (1 - np.cos(safe)) / safe**2)
+    twice = np.where(small, 1 / 6 - angle**2 / 120, (safe - np.sin(safe)) / safe**3)
+    cross = skew(rotvec)
+    return np.eye(3) + once * cross + twice * cross @ cross
+
+
 def log_so3(mat: ArrayLike) -> Array:
     """Return the rotation vector of a rotation, of length 0 … π; the inverse of `exp_so3`.
 

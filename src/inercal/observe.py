@@ -56,9 +56,10 @@ class Norm(NamedTuple):
     up: Array  # (..., r, 3), f̂ / ‖f̂‖
     by_coefficient: Array  # (..., r, 3, p), ∂f̂/∂c
     by_reading: Array  # (..., r or 1, 3, m), ∂f̂/∂y
+    by_rate: Array  # (..., r or 1, 3), ∂‖f̂‖/∂ω
 
 
-def norm(sensor: Sensor, y: Array, c: Array, g: Array) -> Norm:
+def norm(sensor: Sensor, y: Array, c: Array, g: Array, w: Array | None = None) -> Norm:
     """Return the residuals 0 − (‖f̂‖ − g) of readings in unknown attitudes, with f̂ = h⁻¹(y; c).
 
     By h(f̂; c) = y the derivative of f̂ is −S⁻¹ ∂h/∂c to the coefficients and S⁻¹ to the reading,
@@ -75,12 +76,15 @@ def norm(sensor: Sensor, y: Array, c: Array, g: Array) -> Norm:
         Coefficients in SI.
     g : (..., r) or (..., 1) array
         Norm of specific force in each row, or in all of them, m/s².
+    w : (..., r, 3) array, optional
+        Angular rate, rad/s, where lever arms are modelled.
     """
-    felt = inverse(sensor, y, c, refuse=False).f
+    felt = inverse(sensor, y, c, w=w, refuse=False).f
     seen = np.asarray(np.isfinite(felt).all(axis=-1))
     if not seen.all():
         felt = np.where(seen[..., None], felt, 1.0)
-    _, design, slope = sensor.linearise(Motion(felt), c)
+    motion = Motion(felt) if w is None else Motion(felt, w)
+    _, design, slope = sensor.linearise(motion, c)
     back = np.asarray(np.linalg.pinv(slope[..., :3]), dtype=np.float64)
     by_coefficient = -back @ design
     length = np.linalg.norm(felt, axis=-1)
@@ -88,4 +92,6 @@ def norm(sensor: Sensor, y: Array, c: Array, g: Array) -> Norm:
     jacobian = np.empty((*length.shape, c.shape[-1] + 1))
     jacobian[..., :-1] = (up[..., None, :] @ by_coefficient)[..., 0, :]
     jacobian[..., -1] = -1.0
-    return Norm(np.where(seen, g - length, np.nan), jacobian, felt, up, by_coefficient, back)
+    by_rate = -(up[..., None, :] @ back @ slope[..., 3:])[..., 0, :]
+    residual = np.where(seen, g - length, np.nan)
+    return Norm(residual, jacobian, felt, up, by_coefficient, back, by_rate)

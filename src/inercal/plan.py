@@ -4,7 +4,7 @@ A step's label names the section of the recording that it leaves.
 """
 
 from dataclasses import dataclass
-from math import acos, degrees, pi, sqrt
+from math import acos, cos, degrees, pi, sin, sqrt
 
 Vector = tuple[float, float, float]
 _NOTICED = 0.15  # of a direction: a smaller part is not worth a word
@@ -43,19 +43,51 @@ class Turn:
 
 
 @dataclass(frozen=True)
+class Attitude:
+    """An attitude on the arm of a centrifuge: body directions of what is outwards, and of up.
+
+    `out` (unit vector) points from the spindle to the sensor, `up` (unit vector, at right angles)
+    along the spindle.
+    """
+
+    out: Vector
+    up: Vector
+
+
+@dataclass(frozen=True)
 class Spin:
-    """Turn the arm of a centrifuge at a steady `rate`, rad/s, the sensor in some attitude."""
+    """Turn the arm of a centrifuge at a steady `rate`, rad/s, the sensor in some attitude.
+
+    Parameters
+    ----------
+    label : str
+    rate : float
+        rad/s against the ground, positive counter-clockwise seen from above.
+    seconds : float
+        Length of the dwell; 0 is whole turns, however many.
+    attitude : Attitude or None
+        None is unknown: norms need none.
+    azimuth : float or None
+        Where the arm pointed, rad: of a row that stands for one place in the turn, as on a platform
+        that turns against the arm. None is the mean over the dwell.
+    """
 
     label: str
     rate: float
-    seconds: float = 1.0
+    seconds: float = 0.0
+    attitude: Attitude | None = None
+    azimuth: float | None = None
 
     def in_words(self) -> str:
-        """Return what to do: "spin at 60 rpm"."""
-        return f"spin at {abs(self.rate) * 30 / pi:.4g} rpm"
+        """Return what to do: "spin at 60 rpm, +x outwards, −z up"."""
+        text = f"spin at {self.rate * 30 / pi:.4g} rpm".replace("-", "−")
+        if self.attitude is None:
+            return text
+        return f"{text}, {direction(self.attitude.out)} outwards, {direction(self.attitude.up)} up"
 
 
-Step = Hold | Turn
+HandStep = Hold | Turn
+Step = HandStep | Spin
 
 
 def direction(vector: Vector) -> str:
@@ -79,6 +111,16 @@ def direction(vector: Vector) -> str:
         return main
     verb = "rises" if len(rising) == 1 else "rise"
     return f"{main} tilted {angle:.0f}° ({' and '.join(rising)} {verb})"
+
+
+def on_arm(psi: float, theta: float) -> Attitude:
+    """Return the attitude of a two-axis dividing head on the arm, at rad ψ and θ.
+
+    Outwards is (cos ψ cos θ, sin ψ, cos ψ sin θ) in the body, up is (sin θ, 0, −cos θ): the
+    positions of Wang and Li 2021.
+    """
+    out = (cos(psi) * cos(theta), sin(psi), cos(psi) * sin(theta))
+    return Attitude(out, (sin(theta), 0.0, -cos(theta)))
 
 
 def six_positions(seconds: float = 10.0) -> tuple[Hold, ...]:

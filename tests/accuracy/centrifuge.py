@@ -34,10 +34,19 @@ class Triad:
     bend: Array = field(default_factory=lambda: np.array([0.57e-4, 0.31e-4, 0.45e-4]))
     cubic: Array = field(default_factory=_zeros)
     axes: Array = field(default_factory=_eye)  # rows are unit input axes in the body
+    arms: Array = field(default_factory=lambda: np.zeros((3, 3)))  # m, of each axis, in the body
 
-    def output(self, f: Array) -> Array:
-        """Return outputs (r, 3) at specific force (r, 3) in g."""
+    def output(self, f: Array, up: Array | None = None, rate: Array | None = None) -> Array:
+        """Return outputs (r, 3) at specific force (r, 3) in g.
+
+        With the spindle's direction in the body, (r, 3), and the rate, (r,) rad/s, each axis feels
+        −(ω²/g) h·(I − u uᵀ) r besides, at its place r on the arm.
+        """
         along = f @ self.axes.T
+        if up is not None and rate is not None:
+            for i in range(3):
+                level = self.arms[i] - up * (up @ self.arms[i])[:, None]
+                along[:, i] -= rate**2 / PAPER_G * (level @ self.axes[i])
         return self.scale * (along + self.bend * along**2 + self.cubic * along**3) + self.bias
 
 
@@ -76,6 +85,11 @@ def felt(
             )
             spun.append(rate)
     return np.array(rows), np.array(spun)
+
+
+def ups(attitudes: list[tuple[float, float]], rates: list[float]) -> Array:
+    """Return the spindle's direction in the body in each row of `felt`, (r, 3)."""
+    return np.array([[sin(theta), 0.0, -cos(theta)] for _ in rates for _, theta in attitudes])
 
 
 RATES = [2 * pi, 4 * pi, 6 * pi]

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from inercal.earth import EARTH_RATE, earth_rate_up_north
 from inercal.parameters import Parameter
-from inercal.plan import Hold, Step, Turn
+from inercal.plan import HandStep, Hold, Turn
 from inercal.units import Measured
 
 Array = NDArray[np.float64]
@@ -85,12 +85,12 @@ class Hand:
             Parameter("timebase", "1", self.timebase, "run", 0.0, "clock of the recording"),
         )
 
-    def nuisances(self, steps: Sequence[Step], *, rates: bool) -> dict[str, Parameter]:
+    def nuisances(self, steps: Sequence[HandStep], *, rates: bool) -> dict[str, Parameter]:
         """Return the parameters that act on these steps, by full name such as "tilt1[x_p]".
 
         Parameters
         ----------
-        steps : sequence of Step
+        steps : sequence of HandStep
         rates : bool
             Whether rates are observed; without gyros earth rate and the turns play no part.
         """
@@ -139,12 +139,12 @@ class Felt:
     dw: Mapping[str, Array]
 
 
-def felt(step: Step, duration: float, q: Mapping[str, Array]) -> Felt:
+def felt(step: HandStep, duration: float, q: Mapping[str, Array]) -> Felt:
     """Return what the sensor feels in the mean during a step.
 
     Parameters
     ----------
-    step : Step
+    step : HandStep
     duration : float
         Of the section, s, by the recording's clock.
     q : mapping of str to (...) array

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from inercal.benches.hand import Hand, across, felt, tilted
 from inercal.motion import Motion
-from inercal.plan import Hold, Step, Turn
+from inercal.plan import HandStep, Hold, Turn
 
 Array = NDArray[np.float64]
 MOVE_SECONDS = 2.0
@@ -44,7 +44,7 @@ class Performance:
 
 def perform(
     bench: Hand,
-    steps: Sequence[Step],
+    steps: Sequence[HandStep],
     rate_hz: float,
     rng: np.random.Generator,
     trials: int = 1,
@@ -57,7 +57,7 @@ def perform(
     ----------
     bench : Hand
         Its parameters are drawn from normal distributions of their stated deviations.
-    steps : sequence of Step
+    steps : sequence of HandStep
     rate_hz : float
         Samples per second by the recording's clock.
     rng : Generator
@@ -110,7 +110,7 @@ def _carried_earth(holds: Sequence[Hold], drawn: dict[str, Array]) -> dict[str, 
     return found
 
 
-def _up(step: Step, drawn: dict[str, Array]) -> dict[str, Array]:
+def _up(step: HandStep, drawn: dict[str, Array]) -> dict[str, Array]:
     """Return the body's up during a step and, for a turn, its specific force: up along the axis."""
     kind, direction = ("tilt", step.up) if isinstance(step, Hold) else ("axis", step.axis)
     tangent = np.stack([drawn[f"{kind}{k}[{step.label}]"] for k in (1, 2)], axis=-1)
@@ -122,7 +122,7 @@ def _up(step: Step, drawn: dict[str, Array]) -> dict[str, Array]:
     return extra
 
 
-def _steady(step: Step, q: dict[str, Array]) -> Array:
+def _steady(step: HandStep, q: dict[str, Array]) -> Array:
     """Return the part of the rate, (trials, 3), that does not follow the turn's profile."""
     if isinstance(step, Hold):
         return felt(step, 1.0, q).w

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from inercal.benches import Hand
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate, Gaussian
-from inercal.plan import Step, Turn
+from inercal.plan import HandStep, Turn
 from inercal.recording import Observations
 from inercal.sensors import Sensor
 from inercal.uncertainty import propagate
@@ -33,7 +33,7 @@ def classical(
     observations: Observations,
     sensor: Sensor,
     bench: Hand,
-    steps: Sequence[Step],
+    steps: Sequence[HandStep],
     priors: Sequence[Gaussian] = (),
 ) -> Estimate:
     """Return the coefficients by the closed formulas, with the noise of the means propagated.
@@ -78,7 +78,7 @@ def _coefficients(
     observations: Observations,
     sensor: Sensor,
     g: float,
-    steps: Sequence[Step],
+    steps: Sequence[HandStep],
 ) -> Array:
     up, down = (np.stack([means[f"{a}_{s}"] for a in "xyz"], axis=1) for s in "pa")
     matrix_a = (up - down)[:3] / (2 * g)

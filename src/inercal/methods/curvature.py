@@ -26,7 +26,7 @@ from inercal.benches import Hand
 from inercal.benches.hand import felt
 from inercal.estimate import Estimate
 from inercal.motion import Motion
-from inercal.plan import Hold, Step
+from inercal.plan import HandStep, Hold
 from inercal.sensors import Sensor
 
 Array = NDArray[np.float64]
@@ -43,7 +43,7 @@ class Curvature(NamedTuple):
 
 
 def of_tilts(
-    estimate: Estimate, sensor: Sensor, bench: Hand, done: Sequence[Step], durations: Array
+    estimate: Estimate, sensor: Sensor, bench: Hand, done: Sequence[HandStep], durations: Array
 ) -> Curvature | None:
     """Return the second-order effect at a first-order estimate; None where no tilt is loose.
 
@@ -55,7 +55,7 @@ def of_tilts(
         Affine in f and ω.
     bench : Hand
         Values of what it knows exactly.
-    done : sequence of r Step
+    done : sequence of r HandStep
     durations : (r,) array
         s.
     """

@@ -19,7 +19,7 @@ from inercal.methods.curvature import Curvature, of_tilts
 from inercal.methods.observed import not_observed, require_observed, require_separated
 from inercal.motion import Motion
 from inercal.observe import vector
-from inercal.plan import Step, Turn
+from inercal.plan import HandStep, Turn
 from inercal.recording import Observations
 from inercal.sensors import G0, Sensor, inverse
 
@@ -32,7 +32,7 @@ def ml(
     observations: Observations,
     sensor: Sensor,
     bench: Hand,
-    steps: Sequence[Step],
+    steps: Sequence[HandStep],
     priors: Sequence[Gaussian] = (),
 ) -> Estimate:
     """Return the estimate of the sensor's coefficients and the bench's nuisances.
@@ -44,7 +44,7 @@ def ml(
     sensor : Sensor
         With the coefficients that are wanted.
     bench : Hand
-    steps : sequence of Step
+    steps : sequence of HandStep
         The nominal plan; steps without a row were not carried out.
     priors : sequence of Gaussian
         On coefficients, from elsewhere.
@@ -73,7 +73,7 @@ def problem(
     observations: Observations,
     sensor: Sensor,
     bench: Hand,
-    done: Sequence[Step],
+    done: Sequence[HandStep],
     priors: Sequence[Gaussian] = (),
     curvature: Curvature | None = None,
 ) -> Problem:

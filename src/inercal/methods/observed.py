@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from inercal.errors import NotObserved
 from inercal.estimate import Estimate, Gaussian
-from inercal.plan import Hold, Step
+from inercal.plan import HandStep, Hold
 from inercal.sensors import Sensor
 
 OBSERVED = 0.1  # of the natural size
@@ -25,7 +25,10 @@ _READ = 0.5  # g; an axis must have been up and down by at least so much
 
 
 def require_separated(
-    sensor: Sensor, done: Sequence[Step], missing: Sequence[Step], priors: Sequence[Gaussian]
+    sensor: Sensor,
+    done: Sequence[HandStep],
+    missing: Sequence[HandStep],
+    priors: Sequence[Gaussian],
 ) -> None:
     """Refuse accelerometer axes whose bias and scale no pair of positions separates.
 
@@ -58,7 +61,7 @@ def require_separated(
         )
 
 
-def require_observed(estimate: Estimate, sensor: Sensor, missing: Sequence[Step]) -> None:
+def require_observed(estimate: Estimate, sensor: Sensor, missing: Sequence[HandStep]) -> None:
     """Refuse an estimate with a direction known no better than a tenth of its natural size.
 
     Raises
@@ -79,7 +82,9 @@ def require_observed(estimate: Estimate, sensor: Sensor, missing: Sequence[Step]
     )
 
 
-def not_observed(sensor: Sensor, directions: Sequence[str], missing: Sequence[Step]) -> NotObserved:
+def not_observed(
+    sensor: Sensor, directions: Sequence[str], missing: Sequence[HandStep]
+) -> NotObserved:
     """Return the refusal: the coefficients, the free directions in natural units, what would help.
 
     Parameters
@@ -87,7 +92,7 @@ def not_observed(sensor: Sensor, directions: Sequence[str], missing: Sequence[St
     sensor : Sensor
     directions : sequence of str
         Combinations of coefficients in units of g and rad/s, in words.
-    missing : sequence of Step
+    missing : sequence of HandStep
         Steps of the plan without a section.
     """
     plain = tuple(words.partition(" (in units")[0] for words in directions)
@@ -101,7 +106,7 @@ def not_observed(sensor: Sensor, directions: Sequence[str], missing: Sequence[St
     )
 
 
-def steps_in_words(missing: Sequence[Step]) -> str:
+def steps_in_words(missing: Sequence[HandStep]) -> str:
     """Return the steps that were not carried out, as part of a sentence; empty if none."""
     if not missing:
         return ""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from inercal.motion import Motion
 from inercal.pipeline import Outcome
-from inercal.plan import Hold, Step, direction
+from inercal.plan import HandStep, Hold, direction
 from inercal.report import drawing
 from inercal.report.drawing import BAND, FAINT, INK, MUTED, PAPER, WARN, Z, svg
 
@@ -40,7 +40,7 @@ class Attitude:
         Angle from the nominal direction, rad.
     """
 
-    step: Step
+    step: HandStep
     towards: Array
     off: float
 

@@ -10,7 +10,7 @@ from math import pi
 import numpy as np
 
 from inercal.errors import InputError
-from inercal.plan import Hold, Step, Turn, direction
+from inercal.plan import HandStep, Hold, Turn, direction
 from inercal.recording import Finding, Mark, Observations, Recording
 from inercal.sensors import Sensor, inverse
 
@@ -21,7 +21,7 @@ _STILL_TURNING = 0.25  # of the fastest rate
 
 
 def check_against_plan(
-    observations: Observations, sensor: Sensor, steps: Sequence[Step], gravity: float
+    observations: Observations, sensor: Sensor, steps: Sequence[HandStep], gravity: float
 ) -> tuple[Finding, ...]:
     """Return warnings; raise on what cannot be meant.
 
@@ -31,7 +31,7 @@ def check_against_plan(
         Without a trial axis.
     sensor : Sensor
         With nominal readouts; only complete triads are checked.
-    steps : sequence of Step
+    steps : sequence of HandStep
         Of each row.
     gravity : float
         m/s².
@@ -66,7 +66,7 @@ def check_against_plan(
     return tuple(findings)
 
 
-def _check_turn(step: Step, angle: np.ndarray) -> list[Finding]:
+def _check_turn(step: HandStep, angle: np.ndarray) -> list[Finding]:
     assert not isinstance(step, Hold)
     size = float(np.linalg.norm(angle))
     along = float(angle @ np.array(step.axis))
@@ -91,7 +91,7 @@ def _check_turn(step: Step, angle: np.ndarray) -> list[Finding]:
 
 
 def check_turn_ends(
-    recording: Recording, sensor: Sensor, marks: Sequence[Mark], steps: Sequence[Step]
+    recording: Recording, sensor: Sensor, marks: Sequence[Mark], steps: Sequence[HandStep]
 ) -> tuple[Finding, ...]:
     """Return a warning for each turn whose mark begins or ends while the sensor still turns.
 
@@ -101,7 +101,7 @@ def check_turn_ends(
         Without a trial axis.
     sensor : Sensor
     marks : sequence of Mark
-    steps : sequence of Step
+    steps : sequence of HandStep
         The plan.
     """
     by_label = {step.label: step for step in steps}

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.errors import InputError
-from inercal.plan import Hold, Step, Turn
+from inercal.plan import HandStep, Hold, Turn
 from inercal.recording import Mark, Recording
 from inercal.sensors import Sensor
 
@@ -28,7 +28,7 @@ _ALIGNED = 0.9  # cosine between a mean specific force (a turn's axis) and the n
 _TURN_TOLERANCE = 0.25  # a turn's angle may be wrong by this part and still be meant
 
 
-def find_marks(recording: Recording, sensor: Sensor, steps: Sequence[Step]) -> tuple[Mark, ...]:
+def find_marks(recording: Recording, sensor: Sensor, steps: Sequence[HandStep]) -> tuple[Mark, ...]:
     """Return a mark for each step that is found; the longest rest where several fit.
 
     Parameters
@@ -37,7 +37,7 @@ def find_marks(recording: Recording, sensor: Sensor, steps: Sequence[Step]) -> t
         Without a trial axis.
     sensor : Sensor
         Triads with nominal readouts; gyros are needed for turns and help to tell rests.
-    steps : sequence of Step
+    steps : sequence of HandStep
 
     Raises
     ------
@@ -99,7 +99,7 @@ def _runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
-def _holds(f: Array, rests: Sequence[tuple[int, int]], steps: Sequence[Step]) -> list[Mark]:
+def _holds(f: Array, rests: Sequence[tuple[int, int]], steps: Sequence[HandStep]) -> list[Mark]:
     means = np.array([f[a:b].mean(axis=0) for a, b in rests])
     directions = means / np.linalg.norm(means, axis=1, keepdims=True)
     marks: list[Mark] = []
@@ -118,7 +118,7 @@ def _turns(
     recording: Recording,
     quiet: NDArray[np.bool_],
     rests: Sequence[tuple[int, int]],
-    steps: Sequence[Step],
+    steps: Sequence[HandStep],
 ) -> list[Mark]:
     """Return the turns: about the vertical, so that gravity stays in place, by the right angle."""
     bias = np.median(np.concatenate([w[a:b] for a, b in rests]), axis=0)

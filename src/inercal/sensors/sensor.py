@@ -47,6 +47,9 @@ class Sensor:
         Where nonlinear terms act (see `inercal.sensors.response`).
     reference_temperature : float
         K; the model's ΔT is counted from it.
+    frame : "mount" or "symmetric"
+        What the misalignments refer to: the mounting's own axes, or the axes in which the matrix of
+        the misalignments is symmetric, for observations that see no rotation.
 
     Raises
     ------
@@ -59,6 +62,7 @@ class Sensor:
     coefficients: tuple[str, ...] = ()
     form: Form = "reference"
     reference_temperature: float = 293.15
+    frame: Literal["mount", "symmetric"] = "mount"
     _by_axis: Mapping[str, tuple[Coefficient, ...]] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:

@@ -16,24 +16,23 @@ IEEE Std 836 (the bench); `ml` is ours.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches.centrifuge import Centrifuge, felt_norm
 from inercal.errors import InputError
-from inercal.estimate import Estimate, Gaussian, Problem, least_squares
+from inercal.estimate import Estimate, Gaussian, least_squares
 from inercal.methods.centrifuge_norm import closed
+from inercal.methods.centrifuge_norm.problems import problem
 from inercal.methods.observed import require_observed
-from inercal.observe import norm
 from inercal.plan import Spin
 from inercal.recording import Observations
-from inercal.sensors import G0, Sensor
+from inercal.sensors import Sensor
 from inercal.uncertainty import propagate
 
 Array = NDArray[np.float64]
-_ROUNDING = 2.0**-50  # of a norm, by the few operations that give it
-_NATURAL = {"m/s²": G0, "m": 1.0, "(m/s²)⁻¹": 1 / G0, "1": 1.0, "rad": 1.0, "rad/s": 1.0}
 
 
 def ml(
@@ -65,56 +64,17 @@ def ml(
     """
     estimate = least_squares(problem(observations, sensor, bench, steps, priors))
     require_observed(estimate, sensor, missing=())
-    return estimate
+    return replace(estimate, notes=(_seen(estimate), *estimate.notes))
 
 
-def problem(
-    observations: Observations,
-    sensor: Sensor,
-    bench: Centrifuge,
-    steps: Sequence[Spin],
-    priors: Sequence[Gaussian] = (),
-) -> Problem:
-    """Return the estimation problem of `ml`."""
-    p = len(sensor.coefficients)
-    loose = [parameter for parameter in bench.parameters if parameter.sd > 0]
-    known = {parameter.name: np.array(parameter.value) for parameter in bench.parameters}
-
-    def felt(x: Array):
-        return felt_norm(bench, steps, known | {q.name: x[..., p + k] for k, q in enumerate(loose)})
-
-    def linearise(x: Array) -> tuple[Array, Array]:
-        made = felt(x)
-        seen = norm(sensor, observations.mean, x[..., :p], made.norm)
-        rows = np.broadcast_shapes(seen.residual.shape, made.norm.shape)
-        jacobian = np.empty((*rows, p + len(loose)))
-        jacobian[..., :p] = seen.jacobian[..., :-1]
-        for k, parameter in enumerate(loose):
-            jacobian[..., p + k] = -made.by[parameter.name]
-        return seen.residual, jacobian
-
-    def noise(x: Array) -> Array:
-        made = felt(x)
-        seen = norm(sensor, observations.mean, x[..., :p], made.norm)
-        along = (seen.up[..., None, :] @ seen.by_reading)[..., 0, :]
-        variance = np.einsum("...i,...ij,...j->...", along, observations.covariance, along)
-        return np.sqrt(variance + made.dwell**2)
-
-    names = (*sensor.coefficients, *(parameter.name for parameter in loose))
-    values = [parameter.value for parameter in loose]
-    start = np.concatenate([np.zeros(p), values])
-    own = Gaussian.independent(tuple(names[p:]), values, [parameter.sd for parameter in loose])
-    return Problem(
-        names=names,
-        start=start,
-        linearise=linearise,
-        noise=noise,
-        scale=np.concatenate([sensor.natural, [_NATURAL[q.unit] for q in loose]]),
-        priors=(own, *priors) if loose else tuple(priors),
-        wanted=sensor.coefficients,
-        observations=observations.labels,
-        # A norm of tens of g is rounded at a millionth of what it is known to.
-        rounding=float(np.max(felt(start).norm / noise(start))) * _ROUNDING,
+def _seen(estimate: Estimate) -> str:
+    """Say what the dwells determine: rank, condition and the direction they see least."""
+    singular = estimate.singular_values
+    assert estimate.weakest is not None
+    return (
+        f"the dwells determine {estimate.rank} of {len(estimate.wanted)} coefficients, scaled "
+        f"condition number {singular[0] / singular[-1]:.3g}; they see least of "
+        f"{estimate.weakest.words}"
     )
 
 
@@ -173,8 +133,8 @@ def _closed(
     if mean.ndim != 2:
         raise InputError(f"estimator {name} works on one table at a time")
     singular = closed.require_possible(sensor, mean, name)
-    known = {parameter.name: np.array(parameter.value) for parameter in bench.parameters}
-    made = felt_norm(bench, steps, known)
+    declared = bench.nuisances(steps, vectors=False)
+    made = felt_norm(bench, steps, {name: np.array(q.value) for name, q in declared.items()})
 
     def formulas(flat: Array) -> Array:
         y = flat.reshape(*flat.shape[:-1], *mean.shape)

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from inercal.benches.centrifuge import Centrifuge
 from inercal.errors import InputError
 from inercal.estimate import Cauchy, Gaussian, least_squares
-from inercal.methods.centrifuge_norm import problem
+from inercal.methods.centrifuge_norm.problems import by_norm
 from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import Sensor
@@ -105,7 +105,7 @@ def screen(
     """
     if observations.mean.ndim != 2:
         raise InputError("rows are screened in one table at a time")
-    asked = problem(observations, sensor, bench, steps, priors)
+    asked = by_norm(observations, sensor, bench, steps, priors)
     fit = least_squares(asked)
     scale = float(np.abs(fit.whitened).max())
     noise = 1.0
@@ -134,7 +134,7 @@ def screen(
             time=np.zeros(len(rows)),
             drift=None,
         )
-        one = problem(seen, sensor, bench, [steps[k]] * len(rows), priors)
+        one = by_norm(seen, sensor, bench, [steps[k]] * len(rows), priors)
         residual, jacobian = one.linearise(fit.value)
         assert callable(one.noise)
         own = noise * one.noise(fit.value)

@@ -31,7 +31,7 @@ from inercal.methods.multi_position.missing import require_covered
 from inercal.methods.multi_position.rests import Rests
 from inercal.methods.multi_position.stages import accelerometers, gyros, together, with_shared_drift
 from inercal.methods.observed import require_observed
-from inercal.plan import Step
+from inercal.plan import HandStep
 from inercal.recording import Observations
 from inercal.sensors import Sensor
 
@@ -42,7 +42,7 @@ def joint(
     observations: Observations,
     sensor: Sensor,
     bench: Hand,
-    steps: Sequence[Step],
+    steps: Sequence[HandStep],
     priors: Sequence[Gaussian] = (),
 ) -> Estimate:
     """Return all coefficients from norms, rates and rotations together: maximum likelihood.
@@ -55,7 +55,7 @@ def joint(
         With the coefficients that are wanted.
     bench : Hand
         Gravity and the earth's rate.
-    steps : sequence of Step
+    steps : sequence of HandStep
         Not looked at: attitudes are found from the readings.
     priors : sequence of Gaussian
         On coefficients, from elsewhere.
@@ -78,7 +78,7 @@ def sequential(
     observations: Observations,
     sensor: Sensor,
     bench: Hand,
-    steps: Sequence[Step],
+    steps: Sequence[HandStep],
     priors: Sequence[Gaussian] = (),
 ) -> Estimate:
     """Return the accelerometers from norms alone, then the gyros, which change them no more.

@@ -1,0 +1,259 @@
+"""The estimation problems of maximum likelihood: by norms, and by vectors in known attitudes.
+
+Norms compare ‖f̂‖, f̂ the inverse of the sensor's model at the reading, with what the arm makes.
+Turning the triad changes none of them: (h_i → R h_i) is a gauge. Lever arms act through the rate,
+whose direction in the body the attitudes give; of those an error of 1° does no harm there.
+
+Vectors compare each axis's reading with that of the force it felt in its attitude; the errors of
+the attitudes are nuisances with their stated deviations, so that attitudes known badly leave what
+norms tell.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches.centrifuge import Centrifuge, FeltNorm, directions, felt_norm, felt_vector
+from inercal.errors import NotObserved
+from inercal.estimate import Gauge, Gaussian, Problem
+from inercal.motion import Motion
+from inercal.observe import norm, vector
+from inercal.parameters import Parameter
+from inercal.plan import Spin
+from inercal.recording import Observations
+from inercal.sensors import G0, Sensor
+
+Array = NDArray[np.float64]
+_ROUNDING = 2.0**-50  # of a norm, by the few operations that give it
+_NATURAL = {"m/s²": G0, "m": 1.0, "(m/s²)⁻¹": 1 / G0, "1": 1.0, "rad": 1.0, "rad/s": 1.0}
+_ROTATION = "rotation of the triad"
+
+
+def problem(
+    observations: Observations,
+    sensor: Sensor,
+    bench: Centrifuge,
+    steps: Sequence[Spin],
+    priors: Sequence[Gaussian] = (),
+) -> Problem:
+    """Return the problem of `ml`: by vectors where the bench knows its attitudes, else by norms."""
+    build = by_norm if bench.indexing is None else by_vector
+    return build(observations, sensor, bench, steps, priors)
+
+
+def by_norm(
+    observations: Observations,
+    sensor: Sensor,
+    bench: Centrifuge,
+    steps: Sequence[Spin],
+    priors: Sequence[Gaussian] = (),
+) -> Problem:
+    """Return the problem of norms alone; arguments as of `inercal.methods.centrifuge_norm.ml`.
+
+    Raises
+    ------
+    NotObserved
+        Misalignments that hold rotations of the triad, and no gauge or prior.
+    InputError
+        Lever arms, and a step of unknown attitude.
+    """
+    require_gauge(sensor, priors)
+    p = len(sensor.coefficients)
+    declared = bench.nuisances(steps, vectors=False)
+    loose, known = _split(declared)
+    turning = sensor.uses("wi", "wp", "wo") and bench.platform == "locked"
+    up = directions(steps)[1] if turning else np.zeros((1, 3))
+
+    def felt(x: Array) -> FeltNorm:
+        return felt_norm(bench, steps, known | {n: x[..., p + k] for k, n in enumerate(loose)})
+
+    def linearise(x: Array) -> tuple[Array, Array]:
+        made = felt(x)
+        w = made.turned[..., None] * up if turning else None
+        seen = norm(sensor, observations.mean, x[..., :p], made.norm, w)
+        rows = np.broadcast_shapes(seen.residual.shape, made.norm.shape)
+        jacobian = np.empty((*rows, p + len(loose)))
+        jacobian[..., :p] = seen.jacobian[..., :-1]
+        for k, name in enumerate(loose):
+            jacobian[..., p + k] = -made.by[name]
+            if turning and name in made.turned_by:
+                jacobian[..., p + k] += (seen.by_rate * up).sum(-1) * made.turned_by[name]
+        return seen.residual, jacobian
+
+    def noise(x: Array) -> Array:
+        made = felt(x)
+        w = made.turned[..., None] * up if turning else None
+        seen = norm(sensor, observations.mean, x[..., :p], made.norm, w)
+        along = (seen.up[..., None, :] @ seen.by_reading)[..., 0, :]
+        variance = np.einsum("...i,...ij,...j->...", along, observations.covariance, along)
+        return np.sqrt(variance + made.dwell**2)
+
+    start = _start(p, loose)
+    # A norm of tens of g is rounded at a millionth of what it is known to.
+    rounding = float(np.max(felt(start).norm / noise(start))) * _ROUNDING
+    return Problem(
+        names=(*sensor.coefficients, *loose),
+        start=start,
+        linearise=linearise,
+        noise=noise,
+        scale=_scale(sensor, loose),
+        priors=_priors(loose, priors),
+        gauges=_gauges(sensor),
+        wanted=sensor.coefficients,
+        observations=observations.labels,
+        known_nulls=_known_nulls(sensor, p + len(loose)),
+        rounding=rounding,
+    )
+
+
+def by_vector(
+    observations: Observations,
+    sensor: Sensor,
+    bench: Centrifuge,
+    steps: Sequence[Spin],
+    priors: Sequence[Gaussian] = (),
+) -> Problem:
+    """Return the problem of vectors in known attitudes; arguments as of `by_norm`.
+
+    Raises
+    ------
+    InputError
+        A step of unknown attitude.
+    """
+    p = len(sensor.coefficients)
+    declared = bench.nuisances(steps, vectors=True)
+    loose, known = _split(declared)
+    own = {"dwell_rate": bench.dwell_rate, "dwell_tilt": bench.dwell_tilt}
+    own = {name: sd for name, sd in own.items() if sd}
+
+    def at(x: Array):
+        q = known | {n: x[..., p + k] for k, n in enumerate(loose)}
+        return felt_vector(bench, steps, q)
+
+    def linearise(x: Array) -> tuple[Array, Array]:
+        felt = at(x)
+        df, dw = (np.zeros((*felt.f.shape, len(loose))) for _ in range(2))
+        for k, name in enumerate(loose):
+            df[..., k], dw[..., k] = felt.df[name], felt.dw.get(name, 0.0)
+        return vector(sensor, observations.mean, x[..., :p], Motion(felt.f, felt.w), df, dw)
+
+    def noise(x: Array) -> Array:
+        full = observations.full_covariance
+        if not own:
+            return full
+        felt = at(x)
+        slope = sensor.slope(Motion(felt.f, felt.w), x[..., :p])[..., :3]
+        r, m = observations.mean.shape[-2:]
+        blocks = np.zeros((*x.shape[:-1], r, m, r, m))
+        for name, sd in own.items():
+            by = sd * (slope @ felt.df[name][..., None])[..., 0]
+            for k in range(r):
+                blocks[..., k, :, k, :] += by[..., k, :, None] * by[..., k, None, :]
+        return full + blocks.reshape(*x.shape[:-1], r * m, r * m)
+
+    start = _start(p, loose)
+    labels = tuple(f"{a}[{row}]" for row in observations.labels for a in sensor.channels)
+    read = np.abs(observations.mean).reshape(*observations.mean.shape[:-2], -1)
+    largest = read / np.sqrt(np.diagonal(noise(start), axis1=-2, axis2=-1))
+    return Problem(
+        names=(*sensor.coefficients, *loose),
+        start=start,
+        linearise=linearise,
+        noise=noise if own else noise(start),
+        scale=_scale(sensor, loose),
+        priors=_priors(loose, priors),
+        gauges=_gauges(sensor),
+        wanted=sensor.coefficients,
+        observations=labels,
+        rounding=float(np.max(largest)) * _ROUNDING,
+    )
+
+
+def require_gauge(sensor: Sensor, priors: Sequence[Gaussian]) -> None:
+    """Refuse rotations of the triad: no norm sees them.
+
+    In the reference form they show through the nonlinear terms alone, which bend along other axes;
+    that is no measurement of an angle, and it is not taken for one.
+
+    Raises
+    ------
+    NotObserved
+        Naming the rotations and the misalignments.
+    """
+    if sensor.frame == "symmetric":
+        return
+    told = {name for prior in priors for name in prior.names}
+    free = [
+        (axis, names)
+        for axis, names in zip("xyz", _rotations(sensor), strict=True)
+        if len(names) > 1 and set(names) <= set(sensor.coefficients) and not set(names) & told
+    ]
+    if free:
+        words = tuple(f"{_ROTATION} about {axis} ({' + '.join(names)})" for axis, names in free)
+        raise NotObserved(
+            f"norms see no {'; no '.join(words)}: choose nonorthogonality, "
+            'or state the frame, [sensor] frame = "symmetric", or give a prior',
+            words,
+        )
+
+
+def _rotations(sensor: Sensor) -> list[list[str]]:
+    """Return the misalignments that a rotation of the triad about x, y and z consists of."""
+    return [
+        [
+            f"{axis.name}.{name}"
+            for axis in sensor.axes
+            for name, about in (("delta_o", axis.frame[2]), ("delta_p", axis.frame[1]))
+            if abs(about[k]) > 1 - 1e-9
+        ]
+        for k in range(3)
+    ]
+
+
+def _rotation_rows(sensor: Sensor, p: int) -> Array:
+    """Return the misalignments of a rotation about x, y and z, one row each, (3, p)."""
+    rows = np.zeros((3, p))
+    for axis in sensor.axes:
+        for name, about in (("delta_o", axis.frame[2]), ("delta_p", axis.frame[1])):
+            full = f"{axis.name}.{name}"
+            if full in sensor.coefficients:
+                rows[:, sensor.coefficients.index(full)] = about
+    return rows
+
+
+def _known_nulls(sensor: Sensor, size: int):
+    rows = _rotation_rows(sensor, size)
+    return ((_ROTATION, rows),) if np.linalg.matrix_rank(rows) == 3 else ()
+
+
+def _gauges(sensor: Sensor) -> tuple[Gauge, ...]:
+    """Return the gauge that makes the matrix of the misalignments symmetric, where it is asked."""
+    if sensor.frame != "symmetric":
+        return ()
+    names = tuple(n for n in sensor.coefficients if n.partition(".")[2] in ("delta_o", "delta_p"))
+    rows = _rotation_rows(sensor, len(sensor.coefficients))
+    columns = [sensor.coefficients.index(name) for name in names]
+    return (Gauge("symmetric misalignments", names, rows[:, columns], np.zeros(3)),)
+
+
+def _split(declared: Mapping[str, Parameter]) -> tuple[dict[str, Parameter], dict[str, Array]]:
+    """Return the parameters that are estimated, and the values of those that are exact."""
+    loose = {name: parameter for name, parameter in declared.items() if parameter.sd > 0}
+    known = {n: np.array(q.value) for n, q in declared.items() if n not in loose}
+    return loose, known
+
+
+def _start(p: int, loose: Mapping[str, Parameter]) -> Array:
+    return np.concatenate([np.zeros(p), [parameter.value for parameter in loose.values()]])
+
+
+def _scale(sensor: Sensor, loose: Mapping[str, Parameter]) -> Array:
+    return np.concatenate([sensor.natural, [_NATURAL[q.unit] for q in loose.values()]])
+
+
+def _priors(loose: Mapping[str, Parameter], priors: Sequence[Gaussian]) -> tuple[Gaussian, ...]:
+    if not loose:
+        return tuple(priors)
+    values, deviations = zip(*((q.value, q.sd) for q in loose.values()), strict=True)
+    return (Gaussian.independent(tuple(loose), values, deviations), *priors)
