@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.benches import Hand
 from inercal.benches.simulate import perform
 from inercal.errors import InputError
 from inercal.pipeline import read_out
+from inercal.pipeline.by_hand import nominal
 from inercal.plan import Hold, Step
 from inercal.recording import Mark, Recording
 from inercal.runfile import Run
@@ -62,7 +64,7 @@ def rehearse(run: Run, sessions: int = SESSIONS) -> Expected:
     InputError
         No noise of the sensor, no rate, or a method whose sections need marks.
     """
-    if not run.method.free:
+    if not run.method.free or not isinstance(run.bench, Hand):
         raise InputError(f"plans of method {run.method.name} are fixed; multi_position's are made")
     if run.rate_hz is None:
         raise InputError(f"{run.path}: [data] rate is missing; a rehearsal needs it")
@@ -74,7 +76,7 @@ def rehearse(run: Run, sessions: int = SESSIONS) -> Expected:
     p, length = len(run.sensor.coefficients), 0.0
     estimator = run.method.estimator(run.estimator)
     for seed in range(sessions):
-        recording = _simulated(run, run.rate_hz, np.random.default_rng(seed))
+        recording = _simulated(run, run.bench, run.rate_hz, np.random.default_rng(seed))
         length = recording.duration
         holds = tuple(step for step in run.steps if isinstance(step, Hold))
         marks = _marks(recording)
@@ -86,8 +88,8 @@ def rehearse(run: Run, sessions: int = SESSIONS) -> Expected:
     return Expected(run.steps, run.sensor, np.median(found, axis=0), length)
 
 
-def _simulated(run: Run, rate_hz: float, rng: np.random.Generator) -> Recording:
-    done = perform(run.bench, run.steps, rate_hz, rng, carried=True)
+def _simulated(run: Run, bench: Hand, rate_hz: float, rng: np.random.Generator) -> Recording:
+    done = perform(bench, nominal(run), rate_hz, rng, carried=True)
     c = np.zeros(len(run.sensor.coefficients))
     data = read_out(run.sensor, done.motion, c, rate_hz, rng)[0]
     units = tuple(axis.readout.unit for axis in run.sensor.axes)

@@ -62,7 +62,7 @@ class Spin:
     ----------
     label : str
     rate : float
-        rad/s against the ground, positive counter-clockwise seen from above.
+        rad/s against the ground, positive in the sense of the bench.
     seconds : float
         Length of the dwell; 0 is whole turns, however many.
     attitude : Attitude or None

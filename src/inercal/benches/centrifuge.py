@@ -8,7 +8,7 @@ along it::
     f = −(a + g τ) out + g √(1 − τ²) up         locked to the arm: and turns with it, ω along up
     n² = a² + 2 a g τ + g²                      whatever the attitude
 
-with R the static radius, s the arm's stretch, ω the rate against the ground as stated, positive
+with R the static radius, s the arm's stretch, ω the rate against the ground as stated, counted
 counter-clockwise seen from above, ρ its relative error, Ω sin φ the earth's rate along the spindle.
 
 The spindle leans by λ₁ where the arm's azimuth α is 0 and by λ₂ where it is 90°: this adds
@@ -72,6 +72,8 @@ class Centrifuge:
         Standard deviation of each mounting angle, rad.
     indexing : float or None
         Standard deviation of each angle of each attitude, rad; None is attitudes unknown.
+    sense : 1 or -1
+        Sense of a positive rate seen from above: counter-clockwise or clockwise.
     """
 
     gravity: Measured
@@ -86,6 +88,7 @@ class Centrifuge:
     platform: Platform = "locked"
     mounting: float = 0.0
     indexing: float | None = None
+    sense: Literal[1, -1] = 1
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -195,7 +198,7 @@ class _Arm:
 
 
 def _arm(bench: Centrifuge, steps: Sequence[Spin], q: Mapping[str, Array]) -> _Arm:
-    w = np.array([step.rate for step in steps])
+    w = bench.sense * np.array([step.rate for step in steps])
     zero = np.zeros(())
     labels = [step.label for step in steps]
     own = {name: _of_each(q, name, labels) for name in ("dwell_rate", "dwell_tilt")}
@@ -211,7 +214,7 @@ def _arm(bench: Centrifuge, steps: Sequence[Spin], q: Mapping[str, Array]) -> _A
     grown = 1 + stretch * nominal
     turned = w * (1 + rate + own["dwell_rate"]) + up
     by_turned = 2 * radius * grown * turned
-    cosine, sine = np.array([_level(step) for step in steps]).T
+    cosine, sine = np.array([_level(step, bench.sense) for step in steps]).T
     lean = [q.get(name, zero)[..., None] for name in ("lean1", "lean2")]
     return _Arm(
         a=radius * grown * turned**2,
@@ -229,11 +232,11 @@ def _arm(bench: Centrifuge, steps: Sequence[Spin], q: Mapping[str, Array]) -> _A
     )
 
 
-def _level(step: Spin) -> tuple[float, float]:
+def _level(step: Spin, sense: int) -> tuple[float, float]:
     """Return the mean cosine and sine of the arm's azimuth in the dwell."""
     if step.azimuth is not None:
         return cos(step.azimuth), sin(step.azimuth)
-    swept = step.rate * step.seconds
+    swept = sense * step.rate * step.seconds
     if swept == 0:
         return 0.0, 0.0
     return sin(swept) / swept, (1 - cos(swept)) / swept

@@ -31,8 +31,7 @@ def verdict(
     elif not estimate.dof:
         lines.append(
             f"{p} coefficients found; the formulas leave nothing over to test them with, and the "
-            "uncertainties hold the noise of the means alone: fixture, turn angle and gravity are "
-            "taken as exact"
+            "uncertainties hold the noise of the means alone: the bench is taken as exact"
         )
     elif estimate.consistent:
         lines.append(

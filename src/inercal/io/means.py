@@ -4,14 +4,19 @@ One row a position or turn: its label, the mean reading of each axis in output u
 the section's duration. The standard deviation of the means is stated, it cannot be found here.
 """
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from inercal.errors import InputError
 from inercal.io.read import Columns, read_table
+from inercal.io.table import Table
 from inercal.recording import Observations
 from inercal.sensors import Sensor
+
+Array = NDArray[np.float64]
 
 
 def read_means(
@@ -36,15 +41,66 @@ def read_means(
     InputError
         A column is missing, a value is not finite, a label returns, or no deviation is stated.
     """
-    table = read_table(path)
     if columns.label is None:
         raise InputError(f"{path}: [data] label is missing: name the column of position labels")
-    wanted = [columns.label, *(name for _, name, _ in columns.channels)]
-    wanted += [] if seconds is None else [seconds]
-    for name in wanted:
+    table = read_columns(path, columns, [] if seconds is None else [seconds])
+    labels = tuple(str(label).strip() for label in table.columns[columns.label])
+    durations = np.ones(len(labels)) if seconds is None else table.numbers(seconds)
+    return means_of(path, table, labels, columns, sensor, sd, durations)
+
+
+def read_columns(path: Path, columns: Columns, more: Sequence[str]) -> Table:
+    """Return the table, once it has the columns that are used.
+
+    Parameters
+    ----------
+    path : Path
+    columns : Columns
+        `label`, if any, and `channels`.
+    more : sequence of str
+        Other columns that are wanted.
+
+    Raises
+    ------
+    InputError
+        A column is missing.
+    """
+    table = read_table(path)
+    label = () if columns.label is None else (columns.label,)
+    for name in (*label, *(name for _, name, _ in columns.channels), *more):
         if name not in table.columns:
             raise InputError(f"{path}: no column {name!r}; it has {', '.join(table.columns)}")
-    labels = tuple(str(label).strip() for label in table.columns[columns.label])
+    return table
+
+
+def means_of(
+    path: Path,
+    table: Table,
+    labels: tuple[str, ...],
+    columns: Columns,
+    sensor: Sensor,
+    sd: Mapping[str, float],
+    durations: Array,
+) -> Observations:
+    """Return the rows of a table as observations.
+
+    Parameters
+    ----------
+    path : Path
+        For messages.
+    table : Table
+    labels : tuple of r str
+        Names of the rows.
+    columns, sensor, sd
+        As of `read_means`.
+    durations : (r,) array
+        s.
+
+    Raises
+    ------
+    InputError
+        A value is not finite, a label returns, or no deviation is stated.
+    """
     twice = sorted({label for label in labels if labels.count(label) > 1})
     if twice:
         raise InputError(f"{path}: position {twice[0]!r} comes in several rows; give one mean each")
@@ -66,9 +122,8 @@ def read_means(
         name = {"f": "accelerometer", "w": "gyro"}[missing.pop()]
         raise InputError(f"{path}: [data.sd] {name} is missing: state the sd of a mean, with unit")
     deviation = np.array([sd[axis.measures] for axis in sensor.axes])
-    durations = np.ones(len(labels)) if seconds is None else table.numbers(seconds)
     if not (np.isfinite(durations) & (durations > 0)).all():
-        raise InputError(f"{path}: column {seconds!r}: durations must be positive numbers of s")
+        raise InputError(f"{path}: durations must be positive numbers of s")
     return Observations(
         labels=labels,
         mean=sensor.to_si(output),

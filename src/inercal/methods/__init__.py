@@ -1,13 +1,21 @@
 """Calibration methods by name."""
 
+from typing import Any
+
 from inercal.errors import InputError
-from inercal.methods import ferraris, multi_position, six_position
+from inercal.methods import centrifuge_norm, ferraris, multi_position, six_position
 from inercal.methods._base import Method
 
-METHODS = {m.name: m for m in (six_position.METHOD, ferraris.METHOD, multi_position.METHOD)}
+_ALL: tuple[Method[Any, Any], ...] = (
+    six_position.METHOD,
+    ferraris.METHOD,
+    multi_position.METHOD,
+    centrifuge_norm.METHOD,
+)
+METHODS = {method.name: method for method in _ALL}
 
 
-def method(name: str) -> Method:
+def method(name: str) -> Method[Any, Any]:
     """Return a method by name.
 
     Raises

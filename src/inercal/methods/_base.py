@@ -2,28 +2,30 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal, Protocol
+from typing import Generic, Literal, Protocol, TypeVar
 
-from inercal.benches import Hand
 from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian
-from inercal.plan import Step
 from inercal.recording import Observations
 from inercal.sensors import Sensor
 
 Kind = Literal["f", "w"]
 _WORDS = {"f": "accelerometers", "w": "gyros"}
+Bench = TypeVar("Bench")
+Step = TypeVar("Step")
+BenchIn = TypeVar("BenchIn", contravariant=True)
+StepIn = TypeVar("StepIn", contravariant=True)
 
 
-class Estimator(Protocol):
+class Estimator(Protocol[BenchIn, StepIn]):
     """From observations to an estimate of the sensor's coefficients, in their order."""
 
     def __call__(
         self,
         observations: Observations,
         sensor: Sensor,
-        bench: Hand,
-        steps: Sequence[Step],
+        bench: BenchIn,
+        steps: Sequence[StepIn],
         priors: Sequence[Gaussian] = (),
     ) -> Estimate:
         """Return the estimate; raise NotObserved where the data do not support it."""
@@ -31,12 +33,14 @@ class Estimator(Protocol):
 
 
 @dataclass(frozen=True)
-class Method:
+class Method(Generic[Bench, Step]):
     """A way to calibrate.
 
     Parameters
     ----------
     name : str
+    bench : type
+        The kind of bench that it takes.
     finds : mapping of "f" or "w" to tuple of str
         The groups of coefficients that it finds by default, of accelerometers and of gyros. A
         kind of axis that is not here is left out.
@@ -54,10 +58,11 @@ class Method:
     """
 
     name: str
+    bench: type[Bench]
     finds: Mapping[Kind, tuple[str, ...]]
     needs: tuple[Kind, ...]
     plan: Callable[..., tuple[Step, ...]]
-    estimators: Mapping[str, Estimator]
+    estimators: Mapping[str, Estimator[Bench, Step]]
     source: str
     also: Mapping[Kind, tuple[str, ...]] = field(default_factory=dict[Kind, tuple[str, ...]])
     free: bool = False
@@ -106,7 +111,7 @@ class Method:
                 names += axes.with_coefficients(*words, *also.get(kind, ())).coefficients
         return names
 
-    def estimator(self, name: str) -> Estimator:
+    def estimator(self, name: str) -> Estimator[Bench, Step]:
         """Return an estimator by name ("" is the default).
 
         Raises

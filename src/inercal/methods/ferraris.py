@@ -3,6 +3,7 @@
 Source: F. Ferraris, U. Grimaldi, M. Parvis, Sensors and Materials 7(5), 1995, 311–330.
 """
 
+from inercal.benches import Hand
 from inercal.methods._base import Method
 from inercal.methods.classical import classical
 from inercal.methods.means import ml
@@ -10,6 +11,7 @@ from inercal.plan import ferraris
 
 METHOD = Method(
     name="ferraris",
+    bench=Hand,
     finds={
         "f": ("bias", "scale", "misalignment"),
         "w": ("bias", "scale", "misalignment", "g"),

@@ -4,6 +4,7 @@ Source: IEEE Std 1293, static multipoint test reduced to six points; closed form
 et al. 1995.
 """
 
+from inercal.benches import Hand
 from inercal.methods._base import Method
 from inercal.methods.classical import classical
 from inercal.methods.means import ml
@@ -11,6 +12,7 @@ from inercal.plan import six_positions
 
 METHOD = Method(
     name="six_position",
+    bench=Hand,
     finds={"f": ("bias", "scale", "misalignment")},
     needs=("f",),
     plan=six_positions,

@@ -32,9 +32,9 @@ def residuals(outcome: Outcome) -> Markup:
     if outcome.estimate.groups:
         return _residuals_by_group(outcome)
     sensor, labels = outcome.calibration.sensor, outcome.observations.labels
-    shape = (len(labels), len(sensor.axes))
-    whitened = outcome.estimate.whitened.reshape(shape)
-    plain = outcome.estimate.residual.reshape(shape)
+    whitened = outcome.estimate.whitened.reshape(len(labels), -1)
+    plain = outcome.estimate.residual.reshape(len(labels), -1)
+    norms = whitened.shape[1] == 1
     kinds = [kind for kind in KINDS if any(axis.measures == kind for axis in sensor.axes)]
     figure, (first, second) = drawing.panels(
         1.65, [drawing.room_for(()), drawing.room_for(labels)], len(kinds)
@@ -42,6 +42,8 @@ def residuals(outcome: Outcome) -> Markup:
     for upper, lower, kind in zip(first, second, kinds, strict=True):
         members = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind]
         names = [sensor.axes[k].name for k in members]
+        if norms:
+            members, names = [0], ["norm"]
         title, unit, si = KINDS[kind]
         _dots(upper, whitened[:, members], names, band=True)
         _dots(lower, plain[:, members] / si, names, band=False)

@@ -3,18 +3,20 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
-from math import degrees
+from math import degrees, isnan
 from pathlib import Path
 
+import numpy as np
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
 from inercal.pipeline import Outcome
-from inercal.plan import Hold
+from inercal.plan import Hold, Spin, Step, Turn
 from inercal.report import tables
 from inercal.report.figures import correlations, departures, residuals
 from inercal.report.sphere import Attitude, attitudes, missing_faces, sphere
 from inercal.report.traces import scatters, traces
+from inercal.sensors import G0
 
 _DOUBTFUL = 2.0  # Birge ratio: more than this, and the stated noise or model is not to be believed
 
@@ -79,7 +81,8 @@ def page(outcome: Outcome, truth: Mapping[str, float] | None) -> str:
         spheres=(sphere(found, 1), sphere(found, -1)),
         sections=sections(outcome, found),
         missing=missing_faces(found),
-        turned=any(not isinstance(step, Hold) for step in outcome.steps),
+        turned=any(isinstance(step, Turn) for step in outcome.steps),
+        spun=any(isinstance(step, Spin) for step in outcome.steps),
         free=bool(estimate.groups),
         quiet=None
         if recording is None or outcome.rests is None
@@ -121,7 +124,8 @@ def facts(outcome: Outcome) -> list[tuple[str, str]]:
     """Return the key facts, name and text of one or two lines."""
     provenance, recording = outcome.calibration.provenance, outcome.recording
     holds = sum(isinstance(step, Hold) for step in outcome.steps)
-    turns = len(outcome.steps) - holds
+    spins = [step for step in outcome.steps if isinstance(step, Spin)]
+    turns = len(outcome.steps) - holds - len(spins)
     digest = provenance.get("recording sha256", "")
     source = provenance.get("recording", "") + (f"\nSHA-256 {digest[:12]}…" if digest else "")
     result = [("Recording", source)]
@@ -133,6 +137,9 @@ def facts(outcome: Outcome) -> list[tuple[str, str]]:
         result.append(("Data", size))
     result.append(("Gravity", outcome.calibration.conditions.get("gravity", "")))
     used = f"{holds} position{'s' * (holds != 1)}"
+    if spins:
+        rates = len({round(abs(step.rate), 3) for step in spins})
+        used = f"{len(spins)} rows\nat {rates} rate{'s' * (rates != 1)} of the arm"
     if turns:
         used += f"\n{turns} turn{'s' * (turns != 1)}"
     result.append(("Used", used))
@@ -145,15 +152,27 @@ def sections(outcome: Outcome, found: Sequence[Attitude]) -> list[Section]:
     The axis of a turn has no angle here: the gyros' misalignments were found from it.
     """
     observed = outcome.observations
+    force = np.linalg.norm(outcome.observations.mean[:, :3], axis=-1) / G0
+
+    def what(step: Step, read: float) -> str:
+        text = step.in_words().replace("-", "−")
+        return f"{text}; reads {read:.4g} g" if isinstance(step, Spin) else text
+
     return [
         Section(
             attitude.step.label,
-            attitude.step.in_words().replace("-", "−"),
-            f"{degrees(attitude.off):.2f}" if isinstance(attitude.step, Hold) else "",
+            what(attitude.step, read),
+            ""
+            if isinstance(attitude.step, Turn) or isnan(attitude.off)
+            else f"{degrees(attitude.off):.2f}",
             f"{seconds:.2f}",
             str(samples),
         )
-        for attitude, seconds, samples in zip(
-            found, observed.duration.tolist(), observed.samples.tolist(), strict=True
+        for attitude, seconds, samples, read in zip(
+            found,
+            observed.duration.tolist(),
+            observed.samples.tolist(),
+            force.tolist(),
+            strict=True,
         )
     ]

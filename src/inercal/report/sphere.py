@@ -3,7 +3,7 @@
 # pyright: reportUnknownMemberType=false
 
 from dataclasses import dataclass
-from math import acos, cos, degrees, pi, sin
+from math import acos, cos, degrees, nan, pi, sin
 
 import numpy as np
 from markupsafe import Markup
@@ -12,9 +12,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
+from inercal.benches import Centrifuge, Hand
+from inercal.benches.centrifuge import felt_vector
 from inercal.motion import Motion
 from inercal.pipeline import Outcome
-from inercal.plan import HandStep, Hold, direction
+from inercal.plan import Hold, Spin, Step, Turn, direction
 from inercal.report import drawing
 from inercal.report.drawing import BAND, FAINT, INK, MUTED, PAPER, WARN, Z, svg
 
@@ -29,24 +31,27 @@ _VIEW = np.array([1.0, 0.78, 0.66]) / np.linalg.norm([1.0, 0.78, 0.66])
 
 @dataclass(frozen=True, eq=False)
 class Attitude:
-    """One hold or turn as it was measured.
+    """One hold, turn or dwell on a centrifuge as it was measured.
 
     Parameters
     ----------
-    step : Hold or Turn
+    step : Hold, Turn or Spin
     towards : (3,) array
-        Unit vector in the sensor's frame: up in a hold, the axis of a turn.
+        Unit vector in the sensor's frame: up in a hold, the axis of a turn, the specific force in a
+        dwell.
     off : float
-        Angle from the nominal direction, rad.
+        Angle from the nominal direction, rad; NaN where that is not known.
     """
 
-    step: HandStep
+    step: Step
     towards: Array
     off: float
 
 
 def attitudes(outcome: Outcome) -> list[Attitude]:
-    """Return the measured direction of each hold and, where there are gyros, of each turn."""
+    """Return the measured direction of each hold, dwell and, where there are gyros, turn."""
+    if not isinstance(outcome.bench, Hand):
+        return _dwells(outcome, outcome.bench)
     calibration = outcome.calibration
     felt: Motion = calibration.correct(calibration.sensor.to_output(outcome.observations.mean))
     found: list[Attitude] = []
@@ -54,14 +59,39 @@ def attitudes(outcome: Outcome) -> list[Attitude]:
         if isinstance(step, Hold):
             vector, nominal = felt.f[k], np.array(step.up)
         else:
+            assert isinstance(step, Turn)
             vector, nominal = felt.w[k] * np.sign(step.angle), np.array(step.axis)
-        unit = vector / np.linalg.norm(vector)
-        found.append(Attitude(step, unit, acos(float(np.clip(unit @ nominal, -1.0, 1.0)))))
+        found.append(_measured(step, vector, nominal))
     return found
+
+
+def _dwells(outcome: Outcome, bench: Centrifuge) -> list[Attitude]:
+    calibration = outcome.calibration
+    spins = [step for step in outcome.steps if isinstance(step, Spin)]
+    known = all(step.attitude is not None for step in spins)
+    stated = {name: np.array(q.value) for name, q in outcome.expected.items()}
+    made = felt_vector(bench, spins, stated) if known else None
+    output = calibration.sensor.to_output(outcome.observations.mean)
+    w = None if made is None else made.w
+    felt = calibration.correct(output, w=w, dw=np.zeros((1, 3)))
+    return [
+        _measured(step, felt.f[k], None if made is None else made.f[k])
+        for k, step in enumerate(spins)
+    ]
+
+
+def _measured(step: Step, vector: Array, nominal: Array | None) -> Attitude:
+    unit = vector / np.linalg.norm(vector)
+    if nominal is None:
+        return Attitude(step, unit, nan)
+    cosine = unit @ nominal / np.linalg.norm(nominal)
+    return Attitude(step, unit, acos(float(np.clip(cosine, -1.0, 1.0))))
 
 
 def missing_faces(found: list[Attitude]) -> list[str]:
     """Return the faces that no hold had up: "−z"; none where attitudes were free."""
+    if any(isinstance(a.step, Spin) for a in found):
+        return []
     if any(isinstance(a.step, Hold) and max(map(abs, a.step.up)) < _FACE for a in found):
         return []
     ups = [a.towards for a in found if isinstance(a.step, Hold)]
@@ -99,7 +129,7 @@ def sphere(found: list[Attitude], side: int) -> Markup:
         x, y, depth = screen @ attitude.towards
         if depth < 0:
             continue
-        if isinstance(attitude.step, Hold):
+        if not isinstance(attitude.step, Turn):
             axes.plot(x, y, "o", ms=6, mfc=Z, mec=PAPER, mew=0.6)
             if len(found) <= _NAMED:
                 axes.annotate(attitude.step.label, (x, y), (0, 7), textcoords="offset points",

@@ -10,14 +10,19 @@ from inercal.calibration.verdict import COVERAGE
 from inercal.estimate import Estimate
 from inercal.parameters import Parameter
 from inercal.pipeline import Outcome
+from inercal.sensors import G0
 from inercal.units import digits
 
 _SHOWN = {  # unit of a parameter of the bench: as printed, its SI size
     "m/s²": ("m/s²", 1.0),
+    "m": ("mm", 1e-3),
+    "(m/s²)⁻¹": ("ppm/g", 1e-6 / G0),
     "rad": ("°", pi / 180),
     "rad/s": ("°/h", pi / 648_000),
     "1": ("ppm", 1e-6),
 }
+_FINE = ("″", pi / 648_000)
+_SMALL = 1e-3  # rad
 _STRONG = 0.5  # correlations from here on are named
 _PAIRS = 8
 
@@ -113,10 +118,7 @@ def bench(outcome: Outcome) -> tuple[list[Grid], dict[str, list[tuple[str, float
         By position, turn or "run": parameters with (found − expected) in expected standard
         deviations.
     """
-    estimate, sensor = outcome.estimate, outcome.calibration.sensor
-    expected = outcome.bench.nuisances(
-        outcome.steps, rates=any(axis.measures == "w" for axis in sensor.axes)
-    )
+    estimate, expected = outcome.estimate, outcome.expected
     found = [name for name in estimate.names if name not in estimate.wanted]
     known = {name: expected[name] for name in found if name in expected}
     free = [name for name in found if name not in expected and "[" in name]
@@ -141,8 +143,16 @@ def bench(outcome: Outcome) -> tuple[list[Grid], dict[str, list[tuple[str, float
     return grids, pulls
 
 
+def _shown(parameter: Parameter | None) -> tuple[str, float]:
+    """Return the unit to print a parameter in, and its SI size; None is a force."""
+    if parameter is None:
+        return _SHOWN["m/s²"]
+    fine = parameter.unit == "rad" and abs(parameter.value) + parameter.sd < _SMALL
+    return _FINE if fine else _SHOWN[parameter.unit]
+
+
 def _run_row(estimate: Estimate, name: str, parameter: Parameter) -> tuple[str, ...]:
-    unit, si = _SHOWN[parameter.unit]
+    unit, si = _shown(parameter)
     k = estimate.names.index(name)
     before = digits(parameter.value / si, parameter.sd / si)
     after = digits(estimate.value[k] / si, estimate.std[k] / si)
@@ -158,7 +168,7 @@ def _by_label(
     cells: dict[str, list[str]] = {label: [] for label in labels}
     for short in shorts:
         parameter = known.get(next(name for name in names if name.startswith(f"{short}[")))
-        unit, si = _SHOWN["m/s²" if parameter is None else parameter.unit]
+        unit, si = _shown(parameter)
         stated = "free" if parameter is None else f"stated {minus(_stated(parameter, si))}"
         heads.append(f"{short}, {unit}\n{stated}")
         for label in labels:

@@ -11,18 +11,25 @@ from functools import cached_property, partial
 from hashlib import sha256
 from inspect import signature
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
-from inercal.benches import Hand
+from inercal.benches import Centrifuge, Hand
+from inercal.calibration.files import load
 from inercal.errors import InputError
 from inercal.estimate import Gaussian
 from inercal.methods import Method, method
 from inercal.plan import Step
 from inercal.runfile.build import build_bench, build_sensor, coefficient_value, si_value
-from inercal.runfile.schema import DataSection, MethodSection, RunSchema
+from inercal.runfile.schema import (
+    CentrifugeSection,
+    DataSection,
+    HandSection,
+    MethodSection,
+    RunSchema,
+)
 from inercal.sensors import Sensor
 
 # [method] keys of the plan: key, unit like, argument of the method's plan
@@ -31,7 +38,11 @@ _PLAN = (
     ("turn", "°", "angle"),
     ("turn_seconds", "s", "turn_seconds"),
     ("positions", "", "positions"),
+    ("attitudes", "", "attitudes"),
+    ("rates", "rpm", "rates"),
+    ("turns", "", "turns"),
 )
+_KINDS = {Hand: "hand", Centrifuge: "centrifuge"}
 _SENSE = ", or negative for a turn clockwise seen from above"
 
 
@@ -49,7 +60,7 @@ class Run:
         With readouts, noise and the coefficients wanted; all axes, also those not calibrated.
     truth : mapping of str to float
         Coefficients for a simulation, SI.
-    bench : Hand
+    bench : Hand or Centrifuge
     data : DataSection
     method : Method
     estimator : str
@@ -65,9 +76,9 @@ class Run:
     sha256: str
     sensor: Sensor
     truth: Mapping[str, float]
-    bench: Hand
+    bench: Hand | Centrifuge
     data: DataSection
-    method: Method
+    method: Method[Any, Any]
     estimator: str
     plan: Callable[[], tuple[Step, ...]]
     priors: tuple[Gaussian, ...]
@@ -119,6 +130,8 @@ def read(path: str | Path, method_keys: Mapping[str, object] | None = None) -> R
         raise InputError(f"{path}: not a TOML run file: nested too deeply") from None
     if method_keys:
         content["method"] = content.get("method", {}) | dict(method_keys)
+    if isinstance(content.get("bench"), dict):
+        content["bench"].setdefault("kind", "hand")
     try:
         schema = RunSchema.model_validate(content)
     except ValidationError as error:
@@ -133,6 +146,13 @@ def _build(path: Path, digest: str, schema: RunSchema) -> Run:
     chosen = method(schema.method.name)
     whole = build_sensor(schema.sensor)
     part = chosen.prepare(whole, schema.method.coefficients, schema.method.also)
+    bench = build_bench(schema.bench)
+    if not isinstance(bench, chosen.bench):
+        raise InputError(
+            f"[bench] kind: method {chosen.name} takes {_KINDS[chosen.bench]!r}, not "
+            f"{schema.bench.kind!r}"
+        )
+    _require_columns(schema, bench)
     plan = _plan(chosen, schema.method)
     chosen.estimator(schema.method.estimator)
     priors: list[Gaussian] = []
@@ -141,6 +161,8 @@ def _build(path: Path, digest: str, schema: RunSchema) -> Run:
         if value.sd == 0:
             raise InputError(f"[method.prior] {name}: {text!r} has no uncertainty; write ± one")
         priors.append(Gaussian((name,), np.array([value.value]), np.array([[value.sd**2]])))
+    if schema.method.prior_file is not None:
+        priors.append(_static(path.parent / schema.method.prior_file, part))
     truth = {
         name: coefficient_value(whole.with_coefficients(name), name, text, "[sensor.truth]").value
         for name, text in schema.sensor.truth.items()
@@ -161,7 +183,7 @@ def _build(path: Path, digest: str, schema: RunSchema) -> Run:
         sha256=digest,
         sensor=part,
         truth=truth,
-        bench=build_bench(schema.bench),
+        bench=bench,
         data=schema.data,
         method=chosen,
         estimator=schema.method.estimator or next(iter(chosen.estimators)),
@@ -172,33 +194,90 @@ def _build(path: Path, digest: str, schema: RunSchema) -> Run:
     )
 
 
-def _plan(chosen: Method, section: MethodSection) -> Callable[[], tuple[Step, ...]]:
+def _require_columns(schema: RunSchema, bench: Hand | Centrifuge) -> None:
+    """Refuse what belongs to a centrifuge on another bench, and a centrifuge without its rate."""
+    data, frame = schema.data, schema.sensor.frame
+    if isinstance(bench, Centrifuge):
+        if data.arm_rate is None:
+            raise InputError(
+                "[data] arm_rate is missing: name the column of the arm's rate (and arm_rate_unit)"
+            )
+        return
+    for key, given in (("arm_rate", data.arm_rate), ("attitude", data.attitude)):
+        if given is not None:
+            raise InputError(f'[data] {key} goes with [bench] kind = "centrifuge"')
+    if frame != "mount":
+        raise InputError(f"[sensor] frame {frame!r} is for norms on a centrifuge; leave it out")
+
+
+def _static(path: Path, sensor: Sensor) -> Gaussian:
+    """Return bias and scale factor as a calibration at rest found them, as a prior.
+
+    IEEE Std 836 advises to take both from a static multi-position test.
+    """
+    key = "[method] prior_file"
+    known = load(path)
+    names = tuple(
+        name
+        for name in sensor.coefficients
+        if name.partition(".")[2] in ("k0", "k1") and name in known.sensor.coefficients
+    )
+    if not names:
+        raise InputError(f"{key}: {path.name} knows no k0 and k1 of {', '.join(sensor.channels)}")
+    theirs = {axis.name: axis.readout for axis in known.sensor.axes}
+    for axis in sensor.axes:
+        other = theirs.get(axis.name, axis.readout)
+        if (other.scale, other.offset) != (axis.readout.scale, axis.readout.offset):
+            raise InputError(
+                f"{key}: {path.name} has another nominal scale or offset of {axis.name}: "
+                f"{other.scale:.6g} and {other.offset:g}, not {axis.readout.scale:.6g} and "
+                f"{axis.readout.offset:g}"
+            )
+    index = [known.sensor.coefficients.index(name) for name in names]
+    return Gaussian(names, known.values[index], known.covariance[np.ix_(index, index)])
+
+
+def _plan(chosen: Method[Any, Any], section: MethodSection) -> Callable[[], tuple[Step, ...]]:
     """Return the method's plan with what the section says of it."""
     possible = signature(chosen.plan).parameters
-    options: dict[str, float] = {}
+    options: dict[str, Any] = {}
     for key, like, option in _PLAN:
-        given: str | int | None = getattr(section, key)
+        given: str | int | tuple[str, ...] | None = getattr(section, key)
         if given is None:
             continue
         if option not in possible:
             raise InputError(
                 f"[method] {key}: the plan of {chosen.name} has none; it has {', '.join(possible)}"
             )
-        value = given if isinstance(given, int) else si_value(given, like, f"[method] {key}")
-        if value == 0 or (like != "°" and value < 0):
-            raise InputError(f"[method] {key}: {given!r} must be positive" + _SENSE * (like == "°"))
-        options[option] = value
+        options[option] = _option(given, like, f"[method] {key}")
     return partial(chosen.plan, **options)
+
+
+def _option(given: str | int | tuple[str, ...], like: str, key: str) -> Any:
+    """Return what the plan takes: a word, a number, or quantities in SI."""
+    if isinstance(given, tuple):
+        return tuple(_option(each, like, key) for each in given)
+    if isinstance(given, str) and not like:
+        return given
+    value = given if isinstance(given, int) else si_value(given, like, key)
+    if value == 0 or (like not in ("°", "rpm") and value < 0):
+        raise InputError(f"{key}: {given!r} must be positive" + _SENSE * (like == "°"))
+    return value
 
 
 def _first(error: ValidationError) -> str:
     """Return pydantic's first complaint as one line with its key and what is possible there."""
     complaint = error.errors()[0]
     where = [str(part) for part in complaint["loc"]]
+    if len(where) > 1 and where[0] == "bench":
+        del where[1]  # the kind of bench, by which its section was chosen
     key = ".".join(where)
     if complaint["type"] == "extra_forbidden":
         model: type[BaseModel] = RunSchema
-        for part in where[:-1]:
+        if where[0] == "bench":
+            kinds = {"hand": HandSection, "centrifuge": CentrifugeSection}
+            model = kinds[str(complaint["loc"][1])]
+        for part in where[1 if where[0] == "bench" else 0 : -1]:
             annotation = model.model_fields[part].annotation
             for inner in (annotation, *get_args(annotation)):  # a section may be optional
                 if isinstance(inner, type) and issubclass(inner, BaseModel):

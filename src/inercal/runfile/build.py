@@ -1,11 +1,14 @@
 """From the sections of a run file to objects in SI."""
 
-from math import pi
-
-from inercal.benches import Hand
-from inercal.earth import normal_gravity
+from inercal.benches import Centrifuge, Hand
+from inercal.earth import earth_rate_up_north, normal_gravity
 from inercal.errors import InputError
-from inercal.runfile.schema import BenchSection, ReadoutSection, SensorSection
+from inercal.runfile.schema import (
+    CentrifugeSection,
+    HandSection,
+    ReadoutSection,
+    SensorSection,
+)
 from inercal.sensors import Noise, Readout, Sensor, imu, triad
 from inercal.units import Measured, factor, parse
 
@@ -21,7 +24,7 @@ def build_sensor(section: SensorSection) -> Sensor:
         sensor = triad(section.name, "f", "a", *accelerometer)
     else:
         sensor = imu(section.name, accelerometer, _readout("gyro", section.gyro))
-    return Sensor(sensor.name, sensor.axes, (), section.form)
+    return Sensor(sensor.name, sensor.axes, (), section.form, frame=section.frame)
 
 
 def _readout(kind: str, section: ReadoutSection) -> tuple[Readout, Noise]:
@@ -77,38 +80,77 @@ def si_value(text: str, like: str, key: str) -> float:
         raise InputError(f"{key}: {error}") from None
 
 
-def build_bench(section: BenchSection) -> Hand:
+def measured(text: str, like: str, key: str) -> Measured:
+    """Return a quantity and its deviation given as text, SI; a complaint names `key`."""
+    try:
+        return parse(text, like)
+    except InputError as error:
+        raise InputError(f"{key}: {error}") from None
+
+
+def build_bench(section: HandSection | CentrifugeSection) -> Hand | Centrifuge:
     """Return the bench."""
-
-    def value(name: str, like: str, lowest: float = 0.0) -> float:
-        number = si_value(getattr(section, name), like, f"[bench] {name}")
-        if number < lowest:
-            raise InputError(f"[bench] {name}: {getattr(section, name)!r} must not be negative")
-        return number
-
+    if isinstance(section, CentrifugeSection):
+        return _centrifuge(section)
     latitude = None
     if section.latitude is not None:
-        latitude = value("latitude", "°", -pi)
-    if section.gravity is not None:
-        try:
-            gravity = parse(section.gravity, "m/s²")
-        except InputError as error:
-            raise InputError(f"[bench] gravity: {error}") from None
-        if not 9.5 < gravity.value < 10.0:
-            raise InputError(
-                f"[bench] gravity: {section.gravity!r} is not gravity on earth, 9.76 to 9.84 m/s²"
-            )
-    else:
-        assert latitude is not None  # the schema requires one of the two
-        gravity = normal_gravity(latitude, value("height", "m", -1e4))
+        latitude = si_value(section.latitude, "°", "[bench] latitude")
     return Hand(
-        gravity=gravity,
+        gravity=_gravity(section),
         latitude=latitude,
-        tilt=value("tilt", "°"),
-        turn_angle=value("turn_angle", "°"),
-        turn_tilt=value("turn_tilt", "°"),
-        timebase=value("timebase", "1"),
+        tilt=_deviation(section, "tilt", "°"),
+        turn_angle=_deviation(section, "turn_angle", "°"),
+        turn_tilt=_deviation(section, "turn_tilt", "°"),
+        timebase=_deviation(section, "timebase", "1"),
     )
+
+
+def _centrifuge(section: CentrifugeSection) -> Centrifuge:
+    radius = measured(section.radius, "m", "[bench] radius")
+    if radius.value <= 0:
+        raise InputError(f"[bench] radius: {section.radius!r} must be positive")
+    latitude = None
+    if section.latitude is not None:
+        latitude = measured(section.latitude, "°", "[bench] latitude")
+        earth_rate_up_north(latitude.value)  # refuses what is no latitude
+    return Centrifuge(
+        gravity=_gravity(section),
+        radius=radius,
+        latitude=latitude,
+        stretch=measured(section.stretch, "1/(m/s²)", "[bench] stretch"),
+        rate=_deviation(section, "rate", "1"),
+        tilt=_deviation(section, "tilt", "°"),
+        lean=_deviation(section, "lean", "°"),
+        dwell_rate=_deviation(section, "dwell_rate", "1"),
+        dwell_tilt=_deviation(section, "dwell_tilt", "°"),
+        platform=section.platform,
+        mounting=_deviation(section, "mounting", "°"),
+        indexing=None if section.indexing is None else _deviation(section, "indexing", "°"),
+        sense=1 if section.sense == "counter-clockwise" else -1,
+    )
+
+
+def _deviation(section: HandSection | CentrifugeSection, name: str, like: str) -> float:
+    """Return a standard deviation that the section states."""
+    text = getattr(section, name)
+    value = si_value(text, like, f"[bench] {name}")
+    if value < 0:
+        raise InputError(f"[bench] {name}: {text!r} must not be negative")
+    return value
+
+
+def _gravity(section: HandSection | CentrifugeSection) -> Measured:
+    """Return gravity as given, or computed from latitude and height."""
+    if section.gravity is None:
+        assert section.latitude is not None  # the schema requires one of the two
+        latitude = si_value(section.latitude, "°", "[bench] latitude")
+        return normal_gravity(latitude, si_value(section.height, "m", "[bench] height"))
+    gravity = measured(section.gravity, "m/s²", "[bench] gravity")
+    if not 9.5 < gravity.value < 10.0:
+        raise InputError(
+            f"[bench] gravity: {section.gravity!r} is not gravity on earth, 9.76 to 9.84 m/s²"
+        )
+    return gravity
 
 
 def coefficient_value(sensor: Sensor, name: str, text: str | float, key: str) -> Measured:

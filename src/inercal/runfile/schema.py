@@ -1,6 +1,6 @@
 """What a run file may contain, section by section. Values with units are text: "60 µg/√Hz"."""
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -27,28 +27,52 @@ class SensorSection(_Section):
 
     name: str = "sensor"
     form: Literal["reference", "tilted"] = "reference"
+    frame: Literal["mount", "symmetric"] = "mount"
     accelerometer: ReadoutSection
     gyro: ReadoutSection | None = None
     truth: dict[str, str | float] = Field(default_factory=dict)
 
 
-class BenchSection(_Section):
-    """[bench]: bare hands. Gravity is given, or computed from latitude and height."""
-
-    kind: Literal["hand"] = "hand"
+class _BenchSection(_Section):
     gravity: str | None = None
     latitude: str | None = None
     height: str = "0 m"
+
+    @model_validator(mode="after")
+    def _gravity_is_known(self) -> "_BenchSection":
+        if self.gravity is None and self.latitude is None:
+            raise ValueError('give gravity = "9.81 m/s² ± 0.1 mm/s²" or latitude (and height)')
+        return self
+
+
+class HandSection(_BenchSection):
+    """[bench]: bare hands. Gravity is given, or computed from latitude and height."""
+
+    kind: Literal["hand"] = "hand"
     tilt: str = "0.5 °"
     turn_angle: str = "1 °"
     turn_tilt: str = "0.5 °"
     timebase: str = "100 ppm"
 
-    @model_validator(mode="after")
-    def _gravity_is_known(self) -> "BenchSection":
-        if self.gravity is None and self.latitude is None:
-            raise ValueError('give gravity = "9.81 m/s² ± 0.1 mm/s²" or latitude (and height)')
-        return self
+
+class CentrifugeSection(_BenchSection):
+    """[bench]: a precision centrifuge."""
+
+    kind: Literal["centrifuge"]
+    radius: str
+    stretch: str = "0 ppm/g"
+    rate: str = "1 ppm"
+    tilt: str = "2 ″"
+    lean: str = "2 ″"
+    dwell_rate: str = "0 ppm"
+    dwell_tilt: str = "0 ″"
+    platform: Literal["locked", "counter-rotating"] = "locked"
+    sense: Literal["counter-clockwise", "clockwise"] = "counter-clockwise"
+    indexing: str | None = Field(None, description="of each attitude, where attitudes are known")
+    mounting: str = "1 °"
+
+
+BenchSection = Annotated[HandSection | CentrifugeSection, Field(discriminator="kind")]
 
 
 class DataSection(_Section):
@@ -74,6 +98,12 @@ class DataSection(_Section):
         description="of means: the standard deviation of each",
     )
     seconds: str | int | None = Field(None, description="of means: column of durations, s")
+    arm_rate: str | int | None = Field(None, description="column of the rate of a centrifuge's arm")
+    arm_rate_unit: str = Field("rpm", description="its unit, or the size of one: '0.5 rev/s'")
+    attitude: tuple[str | int, str | int] | None = Field(
+        None, description="of means on a centrifuge: columns of ψ and θ"
+    )
+    attitude_unit: str = "°"
 
     @model_validator(mode="after")
     def _means_are_one_table(self) -> "DataSection":
@@ -94,6 +124,10 @@ class MethodSection(_Section):
     turn_seconds: str | None = None
     positions: int | None = Field(None, description="rests of a multi_position simulation")
     time_offset: bool = Field(False, description="find the gyros' delay too")
+    attitudes: str | None = Field(None, description="plan of attitudes on a centrifuge")
+    rates: tuple[str, ...] | None = Field(None, description="rates of the arm in the plan")
+    turns: int | None = Field(None, description="whole turns that a dwell of the plan lasts")
+    prior_file: str | None = Field(None, description="calibration of bias and scale in rest")
     prior: dict[str, str] = Field(default_factory=dict)
 
 

@@ -4,6 +4,7 @@ from inercal.segments.against_plan import check_against_plan, check_turn_ends
 from inercal.segments.attitudes import as_found, held, unflawed
 from inercal.segments.average import observe
 from inercal.segments.detect import find_marks
+from inercal.segments.dwells import average_dwells, find_dwells
 from inercal.segments.levels import scatter
 from inercal.segments.marks import check_marks, marks_from_labels
 from inercal.segments.passages import between_rests
@@ -12,10 +13,12 @@ from inercal.segments.rests import FoundRests, find_rests
 __all__ = [
     "FoundRests",
     "as_found",
+    "average_dwells",
     "between_rests",
     "check_against_plan",
     "check_marks",
     "check_turn_ends",
+    "find_dwells",
     "find_marks",
     "find_rests",
     "held",

@@ -84,7 +84,7 @@ def observe(
     density = of_holds[0] * samples[used.index(holds[0])]
     if by_hand:
         density = without_tremor(density, sensor, map(section, holds))
-    coarse = _quantisation(recording.data, columns, sensor, scatter)
+    coarse = coarse_steps(recording.data, columns, sensor, scatter)
     ranges = [(by_label[step.label].start, by_label[step.label].stop) for step in used]
     durations = np.array([recording.span(*limits) for limits in ranges])
     middles = np.array([recording.time[start] for start, _ in ranges]) + 0.5 * durations
@@ -107,12 +107,21 @@ def observe(
     )
 
 
-def _quantisation(data: Array, columns: Sequence[int], sensor: Sensor, scatter: Array) -> Array:
+def coarse_steps(data: Array, columns: Sequence[int], sensor: Sensor, scatter: Array) -> Array:
     """Return the variance that coarse steps add to each mean, (m,): q²/12, GUM F.2.2.1.
 
     Noise of more than half a step makes a mean as good as without steps, and less does not: all
     samples of a hold then share one rounding error. The step is the stated one, or the data's.
-    `scatter` are the holds' standard deviations, (holds, ..., m).
+
+    Parameters
+    ----------
+    data : (..., n, k) array
+        Of the recording, output units.
+    columns : sequence of m int
+        Of the sensor's axes.
+    sensor : Sensor
+    scatter : (holds, ..., m) array
+        Standard deviations within the holds, SI.
     """
     variance = np.zeros(len(sensor.axes))
     for k, (column, axis) in enumerate(zip(columns, sensor.axes, strict=True)):

@@ -24,7 +24,9 @@ from numpy.typing import NDArray
 from inercal.benches.centrifuge import Centrifuge, felt_norm
 from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian, least_squares
+from inercal.methods._base import Method
 from inercal.methods.centrifuge_norm import closed
+from inercal.methods.centrifuge_norm.plans import plan
 from inercal.methods.centrifuge_norm.problems import problem
 from inercal.methods.observed import require_observed
 from inercal.plan import Spin
@@ -154,3 +156,15 @@ def _closed(
             f"{', '.join(lost)}, whose square root it takes; use series or ml"
         )
     return Estimate.of_formulas(sensor.coefficients, value, spread, singular)
+
+
+METHOD = Method(
+    name="centrifuge_norm",
+    bench=Centrifuge,
+    finds={"f": ("k0", "k1", "k2")},
+    also={"f": ("k3", "koq", "nonorthogonality", "misalignment", "arm")},
+    needs=("f",),
+    plan=plan,
+    estimators={"ml": ml, "series": series, "paper": paper},
+    source="Wang and Li, Navigation Positioning and Timing 8(6), 2021; IEEE Std 836",
+)

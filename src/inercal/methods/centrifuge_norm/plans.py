@@ -41,7 +41,7 @@ def plan(
     ----------
     attitudes : "full-circle" or "half-circle"
     rates : sequence of float
-        rad/s, positive counter-clockwise seen from above.
+        rad/s, positive in the sense of the bench.
     turns : int
         Whole turns that each dwell is averaged over.
 

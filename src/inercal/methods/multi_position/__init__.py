@@ -112,6 +112,7 @@ def _finished(rests: Rests, estimate: Estimate) -> Estimate:
 
 METHOD = Method(
     name="multi_position",
+    bench=Hand,
     finds={
         "f": ("bias", "scale", "nonorthogonality"),
         "w": ("bias", "scale", "misalignment"),

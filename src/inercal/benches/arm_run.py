@@ -1,0 +1,146 @@
+"""Arm runs in simulation: spin up, dwell, spin on, spin down, attitude by attitude.
+
+The arm starts at rest in each attitude and goes through its rates in their order, speeding up and
+slowing down evenly. Samples carry the name of the attitude; the bench reads back the rate it was
+told, which is the true one but for its error, as an encoder's clock has it.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches.centrifuge import Centrifuge, directions, felt_vector, positions
+from inercal.benches.simulate import Performance
+from inercal.frames import exp_so3
+from inercal.motion import Motion
+from inercal.plan import Spin
+
+Array = NDArray[np.float64]
+SPIN_UP = 3.0  # rad/s²
+_SETTLING = 2.0  # s at the rate before a dwell is counted
+_REST = 1.0  # s at rest before and after
+
+
+def perform_on_arm(
+    bench: Centrifuge,
+    steps: Sequence[Spin],
+    rate_hz: float,
+    rng: np.random.Generator,
+    trials: int = 1,
+) -> tuple[Performance, Array]:
+    """Return the motion of each trial, and the rate that the bench reads back, (n,) rad/s.
+
+    Parameters
+    ----------
+    bench : Centrifuge
+        Its parameters are drawn from normal distributions of their stated deviations.
+    steps : sequence of Spin
+        In known attitudes.
+    rate_hz : float
+        Samples per second.
+    rng : Generator
+    trials : int
+        Length of the leading axis of what is drawn and of the motion.
+
+    Raises
+    ------
+    InputError
+        A step of unknown attitude.
+    """
+    declared = bench.nuisances(steps, vectors=True, dwells=True)
+    drawn = {n: q.value + q.sd * rng.standard_normal(trials) for n, q in declared.items()}
+    named = positions(steps)
+    f: list[Array] = []
+    w: list[Array] = []
+    rates: list[Array] = []
+    labels: list[str] = []
+    azimuth = 0.0
+    for attitude, name in named.items():
+        own = [step for step in steps if step.attitude == attitude]
+        rate, which = _profile(own, rate_hz)
+        turned = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]))])
+        swept = azimuth + bench.sense / rate_hz * turned
+        parts = _felt(bench, own, drawn, rate, which, swept, 1 / rate_hz)
+        azimuth = float(swept[-1])
+        f.append(parts[0])
+        w.append(parts[1])
+        rates.append(rate)
+        labels += [name] * rate.size
+    motion = Motion(np.concatenate(f, axis=-2), np.concatenate(w, axis=-2))
+    time = np.arange(len(labels)) / rate_hz
+    return Performance(time, motion, np.array(labels), drawn), np.concatenate(rates)
+
+
+def _profile(steps: Sequence[Spin], rate_hz: float) -> tuple[Array, NDArray[np.int64]]:
+    """Return the rate, (n,) rad/s, and which step each sample belongs to, the next while moving."""
+    rest = np.zeros(round(_REST * rate_hz))
+    pieces, owners = [rest], [np.zeros(rest.size, dtype=np.int64)]
+    before = 0.0
+    for k, step in enumerate(steps):
+        ramp = max(round(abs(step.rate - before) / SPIN_UP * rate_hz), 1)
+        hold = round((_SETTLING + step.seconds) * rate_hz)
+        pieces += [np.linspace(before, step.rate, ramp), np.full(hold, step.rate)]
+        owners.append(np.full(ramp + hold, k))
+        before = step.rate
+    down = max(round(abs(before) / SPIN_UP * rate_hz), 1)
+    pieces += [np.linspace(before, 0.0, down), rest]
+    owners.append(np.full(down + rest.size, len(steps) - 1))
+    return np.concatenate(pieces), np.concatenate(owners)
+
+
+def _felt(
+    bench: Centrifuge,
+    steps: Sequence[Spin],
+    drawn: dict[str, Array],
+    rate: Array,
+    which: NDArray[np.int64],
+    azimuth: Array,
+    dt: float,
+) -> tuple[Array, Array]:
+    """Return f and ω, (trials, n, 3), of one attitude's run."""
+    nominal = np.array([step.rate for step in steps])[which]
+    # What a dwell feels is known; on the way there the centripetal part follows the rate's square.
+    whole = Spin(steps[0].label, 0.0, 0.0, steps[0].attitude)
+    still = felt_vector(bench, [whole], drawn)
+    dwell = felt_vector(bench, [_steady(step) for step in steps], drawn)
+    share = (rate / nominal) ** 2
+    f = still.f + (dwell.f - still.f)[..., which, :] * share[:, None]
+    w = dwell.w[..., which, :] * (rate / nominal)[:, None]
+    out, up = (rows[0] for rows in directions(steps[:1]))
+    # Mounting and indexing turn every vector of the body alike.
+    body = exp_so3(np.stack([drawn[f"mount_{a}"] for a in "xyz"], axis=-1)) @ exp_so3(
+        np.stack([drawn[f"index_{a}[{_name(drawn, steps)}]"] for a in "xyz"], axis=-1)
+    )
+    along = np.cross(up, out)
+    cosine, sine = np.cos(azimuth), np.sin(azimuth)
+    lean = [drawn[name][:, None] for name in ("lean1", "lean2")]
+    outwards = lean[0] * cosine + lean[1] * sine
+    forwards = lean[1] * cosine - lean[0] * sine
+    g = drawn["g"][:, None]
+    swing = -(g * outwards)[..., None] * (body @ out)[:, None]
+    swing -= (g * forwards)[..., None] * (body @ along)[:, None]
+    tangential = bench.radius.value * np.gradient(rate, dt) * bench.sense
+    f = f + swing + tangential[:, None] * (body @ along)[:, None]
+    if bench.platform == "locked":
+        return f, w
+    # The body stays, and the arm goes round: every vector turns back about `up` by the azimuth.
+    about = (body @ up)[:, None]
+    return _turned(f, about, azimuth), np.zeros_like(f)
+
+
+def _steady(step: Spin) -> Spin:
+    return Spin(step.label, step.rate, 0.0, step.attitude)
+
+
+def _name(drawn: dict[str, Array], steps: Sequence[Spin]) -> str:
+    """Return the name by which the indexing of this attitude was drawn."""
+    return next(step.label for step in steps if f"index_x[{step.label}]" in drawn)
+
+
+def _turned(vectors: Array, axis: Array, angle: Array) -> Array:
+    """Return vectors, (trials, n, 3), turned by angles, (n,), about axes (Rodrigues)."""
+    cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
+    axis = np.broadcast_to(axis, vectors.shape)
+    along = axis * (axis * vectors).sum(-1, keepdims=True)
+    return along + (vectors - along) * cosine + np.cross(axis, vectors) * sine

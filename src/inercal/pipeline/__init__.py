@@ -1,0 +1,221 @@
+"""The main path: from a run file to a calibration, and the same plan in simulation.
+
+run file ─> recording ─> audit ─> marks ─> observations ─> method's estimator ─> calibration
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from functools import cached_property
+from hashlib import sha256
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+
+from inercal.benches import Centrifuge, Hand
+from inercal.calibration import Calibration, Frame
+from inercal.calibration.verdict import verdict
+from inercal.errors import InputError
+from inercal.estimate import Estimate
+from inercal.io.table import sha256_of
+from inercal.methods.multi_position.timing import delay
+from inercal.parameters import Parameter
+from inercal.pipeline import by_hand, on_arm
+from inercal.pipeline.inputs import gyro_file, load_recording
+from inercal.pipeline.simulation import named_as_in, read_out, simulate
+from inercal.plan import Spin, Step
+from inercal.recording import Finding, Mark, Observations, Recording
+from inercal.runfile import Run, read
+from inercal.segments import FoundRests
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """Everything a calibration run found, for reports and for looking into.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    estimate : Estimate
+        With the bench's nuisances and the residuals.
+    observations : Observations
+    steps : tuple of Step
+        Of each observation.
+    bench : Hand or Centrifuge
+    recording : Recording or None
+        None when means were read straight in.
+    marks : tuple of Mark
+    findings : tuple of Finding
+        The audit's, and what the checks against the plan noticed.
+    verdict : tuple of str
+        In plain words; the first line is the summary.
+    rests : FoundRests or None
+        How rests were found, where they were found without a plan.
+    """
+
+    calibration: Calibration
+    estimate: Estimate
+    observations: Observations
+    steps: tuple[Step, ...]
+    bench: Hand | Centrifuge
+    recording: Recording | None
+    marks: tuple[Mark, ...]
+    findings: tuple[Finding, ...]
+    verdict: tuple[str, ...]
+    rests: FoundRests | None = None
+
+    @cached_property
+    def expected(self) -> Mapping[str, Parameter]:
+        """The bench's parameters that act on these steps, by full name, as they were stated."""
+        if isinstance(self.bench, Hand):
+            steps = [step for step in self.steps if not isinstance(step, Spin)]
+            rates = any(axis.measures == "w" for axis in self.calibration.sensor.axes)
+            return self.bench.nuisances(steps, rates=rates)
+        spins = [step for step in self.steps if isinstance(step, Spin)]
+        return self.bench.nuisances(spins, vectors=self.bench.indexing is not None)
+
+
+def calibrate(run: Run | str | Path) -> Outcome:
+    """Calibrate from a run file. Writes nothing.
+
+    Raises
+    ------
+    InercalError
+        The run file, the recording or the marks cannot be used, or coefficients are not observed.
+    """
+    run = run if isinstance(run, Run) else read(run)
+    sensor, bench = run.sensor, run.bench
+    by_the_hand = isinstance(bench, Hand)
+    gathered = by_hand.gather(run, bench) if by_the_hand else on_arm.gather(run, bench)
+    observations, findings = gathered.observations, gathered.findings
+    estimate = run.method.estimator(run.estimator)(
+        observations, sensor, bench, gathered.plan, run.priors
+    )
+    if isinstance(bench, Centrifuge) and not (estimate.dof and estimate.consistent):
+        findings += on_arm.screened(run, bench, gathered)
+    if not np.all(estimate.converged):
+        told = "".join(f"; {finding.message}" for finding in findings if finding.what == "norm")
+        raise InputError(
+            f"{run.path}: the fit did not converge; look at the marks and the plan{told}"
+        )
+    conditions = gathered.conditions | _temperature(gathered.recording)
+    if run.time_offset:
+        late = delay(observations, sensor, estimate, bench.gravity.value)
+        text = f"{late.value * 1e3:+.2f} ± {2 * late.sd * 1e3:.2f} ms (k = 2)"
+        conditions["delay of the gyros"] = text
+        note = f"the gyros' samples are {text} later than the accelerometers'"
+        estimate = replace(estimate, notes=(note, *estimate.notes))
+    p = len(sensor.coefficients)
+    lines = verdict(estimate, sensor, findings, run.estimator)
+    calibration = Calibration(
+        sensor,
+        estimate.value[:p],
+        estimate.stated_covariance[:p, :p],
+        run.method.name,
+        run.estimator,
+        conditions,
+        _provenance(run, gathered.recording),
+        lines,
+        _frame(run),
+    )
+    return Outcome(
+        calibration,
+        estimate,
+        observations,
+        gathered.steps,
+        bench,
+        gathered.recording,
+        gathered.marks,
+        findings,
+        lines,
+        gathered.rests,
+    )
+
+
+def _frame(run: Run) -> Frame:
+    """Return what the misalignments refer to: without a mounting, the accelerometers' own frame."""
+    if run.sensor.frame == "symmetric":
+        return "symmetric"
+    norms = isinstance(run.bench, Centrifuge) and run.bench.indexing is None
+    return "triangular" if run.method.free or norms else "mount"
+
+
+def apply(calibration: Calibration, run: Run | str | Path) -> Recording:
+    """Correct the recording that a run file names.
+
+    Returns
+    -------
+    Recording
+        Channels fx, fy, fz (m/s²) and wx, wy, wz (rad/s), whichever the sensor has.
+
+    Raises
+    ------
+    InercalError
+        The recording cannot be used, or does not fit the calibration.
+    """
+    run = run if isinstance(run, Run) else read(run)
+    if run.data.kind == "means":
+        raise InputError(f"{run.path}: [data] kind is means; only a recording can be corrected")
+    stated = {axis.name: axis.readout for axis in run.sensor.axes}
+    for axis in calibration.sensor.axes:
+        here = stated.get(axis.name, axis.readout)
+        if here.unit == axis.readout.unit and not np.allclose(
+            [here.scale, here.offset], [axis.readout.scale, axis.readout.offset]
+        ):
+            raise InputError(
+                f"{run.path}: {axis.name} has scale {here.scale:.6g} and offset {here.offset:g} "
+                f"{here.unit} per SI unit; the calibration is for {axis.readout.scale:.6g} and "
+                f"{axis.readout.offset:g}"
+            )
+    recording = load_recording(run)
+    motion = calibration.correct(recording)
+    kinds = {axis.measures for axis in calibration.sensor.axes}
+    felt = [("f", "m/s²", motion.f), ("w", "rad/s", motion.w)]
+    present = [part for part in felt if part[0] in kinds]
+    return replace(
+        recording,
+        data=np.concatenate([values for _, _, values in present], axis=-1),
+        channels=tuple(kind + axis for kind, _, _ in present for axis in "xyz"),
+        units=tuple(unit for _, unit, _ in present for _ in "xyz"),
+    )
+
+
+def _temperature(recording: Recording | None) -> dict[str, str]:
+    if recording is None or recording.temperature is None:
+        return {}
+    t = recording.temperature
+    return {"temperature": f"{t.mean() - 273.15:.2f} °C ({np.ptp(t):.2f} K range)"}
+
+
+def _digest(run: Run, recording: Recording | None) -> str:
+    if recording is not None:
+        return recording.sha256
+    return sha256(run.file(run.data.file).read_bytes()).hexdigest()
+
+
+def _provenance(run: Run, recording: Recording | None) -> dict[str, str]:
+    second: dict[str, str] = {}
+    if (gyros := gyro_file(run)) is not None:
+        second["gyro recording"] = str(run.data.gyro_file)
+        second["gyro recording sha256"] = sha256_of(gyros)
+    return {
+        "recording": run.data.file,
+        "recording sha256": _digest(run, recording),
+        **second,
+        "run file": run.path.name,
+        "run file sha256": run.sha256,
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "inercal": version("inercal"),
+    }
+
+
+__all__ = [
+    "Outcome",
+    "apply",
+    "calibrate",
+    "load_recording",
+    "named_as_in",
+    "read_out",
+    "simulate",
+]

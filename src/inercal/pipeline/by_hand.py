@@ -1,0 +1,139 @@
+"""From a run by hand to observations: sections of a plan, or rests in any attitude."""
+
+from dataclasses import replace
+
+from inercal.benches import Hand
+from inercal.errors import InputError
+from inercal.io.marks import as_read, marks_from_file
+from inercal.io.means import read_means
+from inercal.pipeline.inputs import Gathered, columns, load_recording, stated_sd
+from inercal.plan import HandStep, Spin, Turn
+from inercal.recording import Finding, Mark, Observations, Recording
+from inercal.runfile import Run
+from inercal.segments import (
+    FoundRests,
+    as_found,
+    between_rests,
+    check_against_plan,
+    check_marks,
+    check_turn_ends,
+    find_marks,
+    find_rests,
+    held,
+    marks_from_labels,
+    observe,
+    unflawed,
+)
+from inercal.units import readable
+
+
+def gather(run: Run, bench: Hand) -> Gathered:
+    """Return the observations of a run by hand.
+
+    Raises
+    ------
+    InputError
+        The data cannot be used.
+    """
+    sensor = run.sensor
+    recording, rests = None, None
+    marks: tuple[Mark, ...] = ()
+    findings: tuple[Finding, ...] = ()
+    if run.data.kind == "means":
+        observations = _means(run)
+    else:
+        recording = load_recording(run)
+        if run.method.free:
+            rests = find_rests(recording, sensor) if run.data.marks == "found" else None
+            marks, observations, findings = _free_rests(run, recording, rests)
+        else:
+            marks, observations, findings = _planned_sections(run, recording)
+    if run.method.free:
+        plan = steps = held(observations, sensor)
+    else:
+        plan, steps = nominal(run), _planned(run, observations)
+        findings += check_against_plan(observations, sensor, steps, bench.gravity.value)
+    conditions = _conditions(run, bench)
+    return Gathered(recording, marks, observations, plan, steps, findings, conditions, rests)
+
+
+def nominal(run: Run) -> tuple[HandStep, ...]:
+    """Return the run's plan."""
+    return tuple(step for step in run.steps if not isinstance(step, Spin))
+
+
+def _means(run: Run) -> Observations:
+    if run.method.free and run.sensor.only("w").axes:
+        raise InputError(
+            f"{run.path}: [data] kind means holds no rotations: leave [sensor.gyro] out, or "
+            "give the recording"
+        )
+    seconds = run.data.seconds
+    if seconds is None and any(isinstance(step, Turn) for step in run.steps):
+        raise InputError(f"{run.path}: [data] seconds is missing: the column of turns' durations")
+    return read_means(
+        run.file(run.data.file),
+        columns(run),
+        run.sensor,
+        stated_sd(run),
+        None if seconds is None else str(seconds),
+    )
+
+
+def _planned_sections(
+    run: Run, recording: Recording
+) -> tuple[tuple[Mark, ...], Observations, tuple[Finding, ...]]:
+    """Return the sections of the plan's steps: marks, means, what was noticed."""
+    steps = nominal(run)
+    if run.data.marks == "found":
+        marks = find_marks(recording, run.sensor, steps)
+    else:
+        marks = _stated_marks(run, recording)
+    check_marks(marks, recording, [step.label for step in steps])
+    observations = observe(recording, run.sensor, marks, steps)
+    findings = check_turn_ends(recording, run.sensor, marks, steps)
+    return marks, observations, recording.findings + findings
+
+
+def _planned(run: Run, observations: Observations) -> tuple[HandStep, ...]:
+    by_label = {step.label: step for step in nominal(run)}
+    unknown = [label for label in observations.labels if label not in by_label]
+    if unknown:
+        raise InputError(
+            f"{run.data.file}: no step {unknown[0]!r} in the plan; it has {', '.join(by_label)}"
+        )
+    return tuple(by_label[label] for label in observations.labels)
+
+
+def _free_rests(
+    run: Run, recording: Recording, rests: FoundRests | None
+) -> tuple[tuple[Mark, ...], Observations, tuple[Finding, ...]]:
+    """Return rests in any attitude and the ways between them: marks, means, what was noticed."""
+    findings = recording.findings
+    if rests is not None:
+        marks, findings = rests.marks, (*findings, rests.finding)
+    else:
+        marks = _stated_marks(run, recording)
+        check_marks(marks, recording, [mark.label for mark in marks])
+    marks, left_out = unflawed(recording, run.sensor, marks)
+    found = rests is not None
+    observations = observe(recording, run.sensor, marks, as_found(marks), by_hand=True, found=found)
+    if run.sensor.only("w").axes:
+        observations = replace(observations, passages=between_rests(recording, run.sensor, marks))
+    return marks, observations, findings + left_out
+
+
+def _stated_marks(run: Run, recording: Recording) -> tuple[Mark, ...]:
+    if run.data.marks == "labels":
+        return marks_from_labels(recording)
+    return as_read(marks_from_file(run.file(run.data.marks)), recording)
+
+
+def _conditions(run: Run, bench: Hand) -> dict[str, str]:
+    conditions = {"gravity": readable(bench.gravity.value, bench.gravity.sd, "m/s²")}
+    if not run.method.free:
+        conditions |= {
+            "tilt of faces (k = 1)": readable(bench.tilt, 0.0, "°"),
+            "angle of turns (k = 1)": readable(bench.turn_angle, 0.0, "°"),
+        }
+    return conditions

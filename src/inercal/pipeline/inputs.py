@@ -1,0 +1,176 @@
+"""What a run file says of its data, in the words of `inercal.io`: columns, limits, deviations."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from inercal.benches import Hand
+from inercal.errors import InputError
+from inercal.io.audit import accept
+from inercal.io.read import Columns, read_recording
+from inercal.io.rest import audit_rest_norm
+from inercal.plan import Step
+from inercal.recording import Finding, Mark, Observations, Recording
+from inercal.runfile import Run
+from inercal.runfile.build import si_value
+from inercal.segments import FoundRests
+from inercal.sensors import Sensor
+from inercal.units import factor, parse
+
+
+@dataclass(frozen=True, eq=False)
+class Gathered:
+    """What an estimator needs, made from a run's data.
+
+    Parameters
+    ----------
+    recording : Recording or None
+        None when means were read straight in.
+    marks : tuple of Mark
+    observations : Observations
+    plan : tuple of Step
+        What was to be done; steps without a row were not carried out.
+    steps : tuple of Step
+        Of each row.
+    findings : tuple of Finding
+    conditions : dict of str to str
+        Of the bench, in words with units.
+    rests : FoundRests or None
+        How rests were found, where they were found without a plan.
+    """
+
+    recording: Recording | None
+    marks: tuple[Mark, ...]
+    observations: Observations
+    plan: tuple[Step, ...]
+    steps: tuple[Step, ...]
+    findings: tuple[Finding, ...]
+    conditions: dict[str, str] = field(default_factory=dict[str, str])
+    rests: FoundRests | None = None
+
+
+def load_recording(run: Run) -> Recording:
+    """Read and audit the run's recording.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, or the audit refuses it.
+    """
+    recording = read_recording(
+        run.file(run.data.file), columns(run), limits(run.sensor), gyro_file(run)
+    )
+    if not isinstance(run.bench, Hand):
+        return recording  # what is steady there is a dwell on the arm, not a rest
+    return accept(audit_rest_norm(recording, run.sensor, run.bench.gravity.value))
+
+
+def gyro_file(run: Run) -> Path | None:
+    """Return the file that holds the gyros alone: none where the method leaves them out."""
+    name = run.data.gyro_file
+    return None if name is None or not run.sensor.only("w").axes else run.file(name)
+
+
+def limits(sensor: Sensor) -> dict[str, tuple[float, float]]:
+    """Return the ends of each axis's range in output units, where its full scale is stated."""
+    found: dict[str, tuple[float, float]] = {}
+    for axis in sensor.axes:
+        if (reach := axis.readout.full_scale) is not None:
+            found[axis.name] = (axis.readout.offset - reach, axis.readout.offset + reach)
+    return found
+
+
+def columns(run: Run) -> Columns:
+    """Return which column of the run's data is what."""
+    data = run.data
+    names = {"f": data.accelerometer, "w": data.gyro}
+    channels: dict[str, tuple[tuple[str, str, str], ...]] = {}
+    for kind, given in names.items():
+        axes = [axis for axis in run.sensor.axes if axis.measures == kind]
+        channels[kind] = tuple(
+            (axis.name, str(column), axis.readout.unit)
+            for axis, column in zip(axes, given, strict=False)
+        )
+    apart = gyro_file(run) is not None
+    return Columns(
+        channels=channels["f"] if apart else channels["f"] + channels["w"],
+        second=channels["w"] if apart else (),
+        time=None if data.time is None or data.kind == "means" else str(data.time),
+        time_unit=data.time_unit,
+        rate_hz=_column_rate(run),
+        label=None if data.label is None else str(data.label),
+        temperature=None if data.temperature is None else str(data.temperature),
+        temperature_unit=data.temperature_unit,
+        # In units of their columns: `arm_units` makes them SI.
+        readback=tuple((name, column, "1") for name, column in arm_columns(run).items()),
+        nonfinite=data.nonfinite,
+    )
+
+
+def arm_columns(run: Run) -> dict[str, str]:
+    """Return the columns in which a centrifuge states its rate and attitudes, by readback."""
+    data = run.data
+    found: dict[str, str] = {}
+    if data.arm_rate is not None:
+        found["arm_rate"] = str(data.arm_rate)
+    if data.attitude is not None:
+        found |= dict(zip(("psi", "theta"), map(str, data.attitude), strict=True))
+    return found
+
+
+def arm_units(run: Run) -> dict[str, float]:
+    """Return the SI size of one unit of each of these columns.
+
+    Raises
+    ------
+    InputError
+        A unit that is no angular rate or no angle.
+    """
+    key = f"{run.path}: [data] arm_rate_unit"
+    rate = run.data.arm_rate_unit
+    # Either a unit, "rpm", or the size of one step, "0.5 rev/s".
+    sized = rate[:1].isdigit()
+    try:
+        size = parse(rate, "rad/s").value if sized else factor(rate, "rad/s")
+    except InputError as error:
+        raise InputError(f"{key}: {error}") from None
+    angle = si_value(f"1 {run.data.attitude_unit}", "°", f"{run.path}: [data] attitude_unit")
+    return {"arm_rate": size, "psi": angle, "theta": angle}
+
+
+def _column_rate(run: Run) -> float | None:
+    """Return the rate that times the samples: none where a column of time does."""
+    if run.data.kind == "means":
+        return 1.0  # rows follow one another; nothing depends on when
+    stamped = run.data.time is not None and run.data.time_unit != "sample"
+    if run.rate_hz is None and not stamped:
+        raise InputError(
+            f'{run.path}: [data] rate is missing, such as "100 Hz"; or name the time column, '
+            'time = "…" (and time_unit)'
+        )
+    return None if stamped else run.rate_hz
+
+
+def stated_sd(run: Run) -> dict[str, float]:
+    """Return the standard deviations of means that the run states, SI, by what axes measure.
+
+    Raises
+    ------
+    InputError
+        One that is not positive, or in another unit than the quantity's or the output's.
+    """
+    likes = {"accelerometer": ("f", "m/s²"), "gyro": ("w", "rad/s")}
+    found: dict[str, float] = {}
+    for name, text in run.data.sd.items():
+        measures, like = likes[name]
+        key = f"{run.path}: [data.sd] {name}"
+        readouts = [axis.readout for axis in run.sensor.axes if axis.measures == measures]
+        try:
+            found[measures] = parse(text, like).value
+        except InputError as error:
+            # Of an output in V or LSB the deviation may be stated as it stands in the file.
+            if not readouts or readouts[0].unit not in ("V", "LSB"):
+                raise InputError(f"{key}: {error}") from None
+            found[measures] = si_value(text, readouts[0].unit, key) / abs(readouts[0].scale)
+        if found[measures] <= 0:
+            raise InputError(f"{key}: {text!r} must be positive")
+    return found

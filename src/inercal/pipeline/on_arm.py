@@ -1,0 +1,153 @@
+"""From a run on a centrifuge to observations: a table of dwells, or a recording of arm runs."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from inercal.benches import Centrifuge
+from inercal.errors import InputError, NotObserved
+from inercal.io.means import means_of, read_columns
+from inercal.methods.centrifuge_norm.screening import screen
+from inercal.pipeline.inputs import (
+    Gathered,
+    arm_columns,
+    arm_units,
+    columns,
+    load_recording,
+    stated_sd,
+)
+from inercal.plan import Spin, on_arm
+from inercal.recording import Finding
+from inercal.runfile import Run
+from inercal.segments import average_dwells, find_dwells
+from inercal.units import readable
+
+_HARMONICS = 2  # of a reading quadratic in what is felt; a cubic one has a third
+
+
+def gather(run: Run, bench: Centrifuge) -> Gathered:
+    """Return the observations of a run on a centrifuge.
+
+    Raises
+    ------
+    InputError
+        The data cannot be used.
+    """
+    known = bench.indexing is not None or any(".arm_" in name for name in run.sensor.coefficients)
+    if known and run.data.attitude is None:
+        raise InputError(
+            f"{run.path}: [data] attitude is missing: lever arms and [bench] indexing need the "
+            "columns of ψ and θ"
+        )
+    return _table(run, bench) if run.data.kind == "means" else _recording(run, bench)
+
+
+def _table(run: Run, bench: Centrifuge) -> Gathered:
+    if bench.platform != "locked":
+        raise InputError(
+            f"{run.path}: [bench] platform {bench.platform} takes a recording: the means of its "
+            "dwells say nothing of the arm's acceleration"
+        )
+    named, units = arm_columns(run), arm_units(run)
+    wanted = columns(run)
+    extra = [*named.values()]
+    if run.data.seconds is not None:
+        extra.append(str(run.data.seconds))
+    path = run.file(run.data.file)
+    table = read_columns(path, wanted, extra)
+    said = {name: table.numbers(column) * units[name] for name, column in named.items()}
+    for name, values in said.items():
+        bad = np.flatnonzero(~np.isfinite(values) | ((values == 0) & (name == "arm_rate")))
+        if bad.size:
+            raise InputError(
+                f"{path} line {table.first_line + bad[0]}: column {named[name]!r} is "
+                f"{table.numbers(named[name])[bad[0]]:g}; give the arm's rate or angle, or take "
+                "the row out"
+            )
+    size = units["arm_rate"]
+    rates = said["arm_rate"]
+    unit = run.data.arm_rate_unit
+    shown = [f"{rate / size:.6g} {unit}" if not unit[:1].isdigit() else "" for rate in rates]
+    shown = [s or f"{rate * 30 / np.pi:.6g} rpm" for s, rate in zip(shown, rates, strict=True)]
+    if wanted.label is None:
+        names = [f"row {k}" for k in range(1, len(rates) + 1)]
+    else:
+        names = [_plain(value) for value in table.columns[wanted.label].tolist()]
+    labels = tuple(f"{name} at {rate}" for name, rate in zip(names, shown, strict=True))
+    seconds = np.zeros(len(labels))
+    if run.data.seconds is not None:
+        seconds = table.numbers(str(run.data.seconds))
+    observations = means_of(
+        path, table, labels, wanted, run.sensor, stated_sd(run), np.where(seconds, seconds, 1.0)
+    )
+    attitudes = [None] * len(labels)
+    if "psi" in said:
+        attitudes = [
+            on_arm(psi, theta)
+            for psi, theta in zip(said["psi"].tolist(), said["theta"].tolist(), strict=True)
+        ]
+    steps = tuple(
+        Spin(label, rate, length, attitude)
+        for label, rate, length, attitude in zip(
+            labels, rates.tolist(), seconds.tolist(), attitudes, strict=True
+        )
+    )
+    return Gathered(None, (), observations, steps, steps, (), _conditions(bench))
+
+
+def _plain(value: object) -> str:
+    """Return a position's name; a whole number as it is written."""
+    if isinstance(value, float) and value.is_integer():
+        return str(int(value))
+    return str(value).strip()
+
+
+def _recording(run: Run, bench: Centrifuge) -> Gathered:
+    recording, units = load_recording(run), arm_units(run)
+    recording = replace(
+        recording,
+        readback={name: values * units[name] for name, values in recording.readback.items()},
+    )
+    dwells, left_out = find_dwells(recording)
+    harmonics = 0
+    if bench.platform != "locked":
+        shorts = {name.partition(".")[2] for name in run.sensor.coefficients}
+        if "koq" in shorts:
+            raise InputError(
+                f"{run.path}: koq bends the reading at zero: its harmonics have no end; calibrate "
+                "it on a platform locked to the arm"
+            )
+        harmonics = _HARMONICS + ("k3" in shorts)
+    observations, steps = average_dwells(recording, run.sensor, dwells, harmonics, bench.sense)
+    marks = tuple(dwell.mark for dwell in dwells)
+    findings = recording.findings + left_out
+    return Gathered(recording, marks, observations, steps, steps, findings, _conditions(bench))
+
+
+def screened(run: Run, bench: Centrifuge, gathered: Gathered) -> tuple[Finding, ...]:
+    """Return a warning for each row that violates the norm, with what would repair it.
+
+    Nothing is changed: what was written is for the person who has the original.
+    """
+    steps = [step for step in gathered.steps if isinstance(step, Spin)]
+    try:
+        suspects = screen(gathered.observations, run.sensor, bench, steps, run.priors)
+    except NotObserved:
+        return ()  # the estimator says it better
+    except InputError as error:
+        return (Finding("warning", "norm", str(error)),)
+    return tuple(Finding("warning", "norm", suspect.in_words()) for suspect in suspects)
+
+
+def _conditions(bench: Centrifuge) -> dict[str, str]:
+    place = bench.latitude
+    return {
+        "gravity": readable(bench.gravity.value, bench.gravity.sd, "m/s²"),
+        "static radius": readable(bench.radius.value, bench.radius.sd, "m"),
+        "rate of the arm (k = 1)": readable(bench.rate, 0.0, "ppm"),
+        "tilt of gravity against the arm (k = 1)": readable(bench.tilt, 0.0, "″"),
+        "earth rate along the spindle": "unknown"
+        if place is None
+        else f"of latitude {readable(place.value, place.sd, '°')}",
+        "platform": bench.platform,
+    }

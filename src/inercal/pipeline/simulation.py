@@ -1,0 +1,124 @@
+"""The run's plan carried out in simulation, and written as the run file reads it."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from inercal.benches import Hand
+from inercal.benches.arm_run import perform_on_arm
+from inercal.benches.simulate import perform
+from inercal.errors import InputError
+from inercal.motion import Motion
+from inercal.pipeline.by_hand import nominal
+from inercal.pipeline.inputs import arm_columns, arm_units, columns, limits
+from inercal.plan import Spin
+from inercal.recording import Recording
+from inercal.runfile import Run, read
+from inercal.sensors import Sensor
+
+_MOST_SAMPLES = 1e8  # of a simulation, all trials together: 5 GB for an IMU
+
+
+def simulate(run: Run | str | Path, seed: int = 0, trials: int | None = None) -> Recording:
+    """Carry the run's plan out on its simulated bench with the sensor's truth and noise.
+
+    Parameters
+    ----------
+    run : Run or path
+        [sensor.truth] gives the coefficients, others are zero; [data] rate the sampling rate.
+    seed : int
+    trials : int, optional
+        Independent repetitions on a leading axis; None is one recording without that axis.
+
+    Raises
+    ------
+    InputError
+        No sampling rate, or a truth that names no coefficient.
+    """
+    run = run if isinstance(run, Run) else read(run)
+    if run.rate_hz is None:
+        raise InputError(f"{run.path}: [data] rate is missing; a simulation needs it")
+    samples = run.rate_hz * sum(step.seconds for step in run.steps) * (trials or 1)
+    if samples > _MOST_SAMPLES:
+        raise InputError(
+            f"{run.path}: {samples:.2g} samples are more than a simulation holds in memory, "
+            f"{_MOST_SAMPLES:.0e}: lower [data] rate or [method] seconds"
+        )
+    rng = np.random.default_rng(seed)
+    readback: dict[str, np.ndarray] = {}
+    if isinstance(run.bench, Hand):
+        carried = run.method.free
+        done = perform(run.bench, nominal(run), run.rate_hz, rng, trials or 1, carried=carried)
+    else:
+        spins = [step for step in run.steps if isinstance(step, Spin)]
+        done, rate = perform_on_arm(run.bench, spins, run.rate_hz, rng, trials or 1)
+        readback = {"arm_rate": rate} | _angles(spins, done.labels)
+    sensor = run.sensor.with_coefficients(*run.truth)
+    c = np.array([run.truth[name] for name in sensor.coefficients])
+    motion = done.motion
+    if sensor.uses("ai", "ap", "ao"):
+        motion = replace(motion, dw=np.gradient(motion.w, 1 / run.rate_hz, axis=-2))
+    data = read_out(sensor, motion, c, run.rate_hz, rng)
+    return Recording(
+        time=done.time,
+        data=data if trials else data[0],
+        channels=sensor.channels,
+        units=tuple(axis.readout.unit for axis in sensor.axes),
+        labels=done.labels,
+        readback=readback,
+        source=f"simulation of {run.path.name}, seed {seed}",
+    )
+
+
+def _angles(spins: list[Spin], labels: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the angles of the two-axis head at each sample, rad."""
+    angles: dict[str, tuple[float, float]] = {}
+    for step in spins:
+        if step.attitude is not None:
+            (x, y, z), (sine, _, cosine) = step.attitude.out, step.attitude.up
+            theta = float(np.arctan2(sine, -cosine))
+            level = x * np.cos(theta) + z * np.sin(theta)
+            angles.setdefault(step.label, (float(np.arctan2(y, level)), theta))
+    names, place = np.unique(labels, return_inverse=True)
+    table = np.array([angles[str(name)] for name in names])
+    return {"psi": table[place, 0], "theta": table[place, 1]}
+
+
+def named_as_in(run: Run, recording: Recording) -> Recording:
+    """Return the recording with the run file's column names, ready to be written as its data."""
+    if run.data.gyro_file is not None:
+        raise InputError(f"{run.path}: [data] gyro_file: a simulation is one file; leave it out")
+    named = {axis: column for axis, column, _ in columns(run).channels}
+    readback = {
+        column: recording.readback[name] / arm_units(run)[name]
+        for name, column in arm_columns(run).items()
+    }
+    channels = tuple(named[name] for name in recording.channels)
+    return replace(recording, channels=channels, readback=readback)
+
+
+def read_out(
+    sensor: Sensor, motion: Motion, c: np.ndarray, rate_hz: float, rng: np.random.Generator
+) -> np.ndarray:
+    """Return what the sensor puts out, (..., n, m) in output units, noise and limits included.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    motion : Motion
+        (..., n, 3), at `rate_hz`.
+    c : (p,) array
+        Coefficients in SI.
+    rate_hz : float
+    rng : Generator
+    """
+    reading = sensor.forward(motion, c)
+    for k, axis in enumerate(sensor.axes):
+        noisy = reading[..., k] + axis.noise.draw(rng, reading.shape[:-1], rate_hz)
+        reading[..., k] = axis.noise.quantise(noisy)
+    output = sensor.to_output(reading)
+    for name, ends in limits(sensor).items():
+        k = sensor.channels.index(name)
+        output[..., k] = np.clip(output[..., k], *ends)
+    return output

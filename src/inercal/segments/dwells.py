@@ -1,0 +1,243 @@
+"""Dwells of a centrifuge's arm: found by its steady rate, and averaged over whole turns.
+
+A recording of an arm run spins up, dwells, spins on or down. A dwell is where the rate that the
+bench reads back stays within a part in 500 over a second; it is cut to whole turns, so that what
+comes once a turn (the lean of the spindle) averages out. Turns are then the batches of its noise: a
+turn's mean holds no part of the turn, and the scatter of turns is the noise of the mean, whatever
+is correlated within one. Dwells at one rate share their noise, as vibration follows the rate.
+
+On a platform that turns against the arm the sensor feels the arm go round, and a nonlinear sensor
+answers with harmonics. Mean and harmonics up to the h-th of each turn are 2h + 1 numbers; they are
+given as what the fitted curve reads at 2h + 1 even azimuths, each a row like a dwell of its own. By
+the orthogonality of the harmonics these readings are as independent as the samples are.
+"""
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from math import pi
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
+
+from inercal.errors import InputError
+from inercal.plan import Attitude, Spin, on_arm
+from inercal.recording import Finding, Mark, Observations, Recording
+from inercal.segments.attitudes import FLAWS
+from inercal.segments.average import coarse_steps
+from inercal.sensors import Sensor
+
+Array = NDArray[np.float64]
+ARM_RATE, PSI, THETA = "arm_rate", "psi", "theta"  # readback, SI
+_STEADY = 2e-3  # of the rate
+_WINDOW = 0.5  # s
+_TURNING = 0.02  # of the fastest rate; slower is at rest
+_SETTLE = 1.0  # s after the rate is reached
+_LEAST_TURNS = 3
+_ALIKE = 0.01  # relative difference of rates that count as one
+
+
+@dataclass(frozen=True)
+class Dwell:
+    """Samples of whole turns at a steady rate, rad/s as read back."""
+
+    mark: Mark
+    rate: float
+    turns: int
+    attitude: Attitude | None
+
+
+def find_dwells(recording: Recording) -> tuple[tuple[Dwell, ...], tuple[Finding, ...]]:
+    """Return the dwells of an arm run, and what was left out of them.
+
+    Parameters
+    ----------
+    recording : Recording
+        With readback "arm_rate", rad/s; labels, where there are any, name positions, and readback
+        "psi" and "theta", rad, the attitudes of a two-axis head.
+
+    Raises
+    ------
+    InputError
+        No dwell of three turns.
+    """
+    rate = recording.readback[ARM_RATE]
+    width = max(round(_WINDOW * recording.rate_hz), 3)
+    smooth: Array = uniform_filter1d(rate, width)
+    spread: Array = maximum_filter1d(smooth, width) - minimum_filter1d(smooth, width)
+    size = np.abs(smooth)
+    steady = (spread <= _STEADY * size) & (size > _TURNING * size.max())
+    cuts = [int(before) + 1 for before in recording.gaps[:, 0]]
+    if recording.labels is not None:
+        cuts += (np.flatnonzero(recording.labels[1:] != recording.labels[:-1]) + 1).tolist()
+    edges = np.flatnonzero(np.diff(steady.astype(np.int8), prepend=0, append=0)).tolist()
+    dwells: list[Dwell] = []
+    left_out: list[Finding] = []
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        inner = sorted({first, last, *(cut for cut in cuts if first < cut < last)})
+        for start, stop in pairwise(inner):
+            dwell = _whole_turns(recording, start, stop, {d.mark.label for d in dwells})
+            if dwell is None:
+                continue
+            flaw = _flaw(recording, dwell.mark)
+            if flaw is None:
+                dwells.append(dwell)
+            else:
+                text = f"dwell {dwell.mark.label} is left out: {flaw}"
+                left_out.append(Finding("warning", "dwell", text))
+    if not dwells:
+        reasons = f" ({left_out[0].message})" if left_out else ""
+        raise InputError(
+            f"{recording.source or 'recording'}: no dwell: the arm's rate, up to "
+            f"{size.max() * 30 / pi:.4g} rpm, is nowhere steady for {_LEAST_TURNS} turns and "
+            f"{_SETTLE:g} s before{reasons}"
+        )
+    return tuple(dwells), tuple(left_out)
+
+
+def _whole_turns(recording: Recording, start: int, stop: int, taken: set[str]) -> Dwell | None:
+    """Return what lies within steady samples in whole turns, once the arm has settled."""
+    start += round(_SETTLE * recording.rate_hz)
+    if stop - start < 2:
+        return None
+    rate = float(recording.readback[ARM_RATE][start:stop].mean())
+    turn = 2 * pi / abs(rate) * recording.rate_hz  # samples
+    turns = int((stop - start) / turn)
+    if turns < _LEAST_TURNS:
+        return None
+    stop = start + round(turns * turn)
+    inside = slice(start, stop)
+    name = "" if recording.labels is None else str(recording.labels[start]).strip()
+    label = once = f"{name or 'dwell'} at {abs(rate) * 30 / pi:.4g} rpm"
+    k = 1
+    while label in taken:
+        k += 1
+        label = f"{once} ({k})"
+    attitude = None
+    if PSI in recording.readback:
+        psi, theta = (float(recording.readback[angle][inside].mean()) for angle in (PSI, THETA))
+        attitude = on_arm(psi, theta)
+    rate = float(recording.readback[ARM_RATE][inside].mean())
+    return Dwell(Mark(label, start, stop), rate, turns, attitude)
+
+
+def _flaw(recording: Recording, mark: Mark) -> str | None:
+    for finding in recording.findings:
+        if finding.what not in FLAWS or finding.start is None or finding.stop is None:
+            continue
+        if finding.start < mark.stop and finding.stop > mark.start:
+            return finding.message
+    return None
+
+
+def average_dwells(
+    recording: Recording,
+    sensor: Sensor,
+    dwells: Sequence[Dwell],
+    harmonics: int = 0,
+    sense: int = 1,
+) -> tuple[Observations, tuple[Spin, ...]]:
+    """Return one row for each dwell, or with harmonics for each of its azimuths, and their steps.
+
+    Parameters
+    ----------
+    recording : Recording
+    sensor : Sensor
+    dwells : sequence of Dwell
+    harmonics : int
+        0 on a platform locked to the arm; else the highest harmonic that is kept.
+    sense : 1 or -1
+        In which a positive rate turns, counter-clockwise or clockwise: azimuths are counted from
+        the start of the recording.
+
+    Raises
+    ------
+    InputError
+        Too few turns for a covariance of the sensor's axes.
+    """
+    k = 2 * harmonics + 1
+    columns = [recording.channels.index(name) for name in sensor.channels]
+    azimuth = sense * swept(recording.readback[ARM_RATE], recording.time)
+    means: list[Array] = []
+    scatters: list[Array] = []
+    deviations: list[Array] = []
+    for dwell in dwells:
+        inside = slice(dwell.mark.start, dwell.mark.stop)
+        y = sensor.to_si(recording.data[inside, columns])
+        by_turn = _by_turn(y, azimuth[inside], dwell.turns, harmonics)
+        means.append(by_turn.mean(axis=0))
+        off = (by_turn - means[-1]).reshape(-1, y.shape[-1])
+        scatters.append(off.T @ off)
+        deviations.append(y.std(axis=0))
+    covariance, dof = _pooled(recording, dwells, scatters, k)
+    coarse = coarse_steps(recording.data, columns, sensor, np.stack(deviations))
+    seconds = np.array([recording.span(d.mark.start, d.mark.stop) for d in dwells])
+    samples = np.array([d.mark.stop - d.mark.start for d in dwells])
+    starts = np.array([recording.time[d.mark.start] for d in dwells])
+    steps = tuple(
+        Spin(d.mark.label, d.rate, 0.0, d.attitude)
+        if not harmonics
+        else Spin(f"{d.mark.label}, {360 * j / k:.0f}°", d.rate, 0.0, d.attitude, 2 * pi * j / k)
+        for d in dwells
+        for j in range(k)
+    )
+    seen = Observations(
+        labels=tuple(step.label for step in steps),
+        mean=np.concatenate(means),
+        covariance=np.repeat(covariance + np.diag(coarse), k, axis=0),
+        duration=np.repeat(seconds, k),
+        samples=np.repeat(samples, k),
+        time=np.repeat(starts + seconds / 2, k),
+        channels=sensor.channels,
+        dof=dof,
+        rounding=coarse,
+    )
+    return seen, steps
+
+
+def swept(rate: Array, time: Array) -> Array:
+    """Return the angle that a rate, (n,) rad/s, has swept since the first sample, rad."""
+    steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(time)
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _by_turn(y: Array, azimuth: Array, turns: int, harmonics: int) -> Array:
+    """Return the readings of each turn, (turns, 2h + 1, m): its mean, or its harmonics' curve."""
+    edges = np.round(np.linspace(0, len(y), turns + 1)).astype(int).tolist()
+    if harmonics == 0:
+        return np.add.reduceat(y, edges[:-1])[:, None] / np.diff(edges)[:, None, None]
+    at = _waves(2 * pi * np.arange(2 * harmonics + 1) / (2 * harmonics + 1), harmonics)
+    fits = [np.linalg.lstsq(_waves(azimuth[a:b], harmonics), y[a:b])[0] for a, b in pairwise(edges)]
+    return at @ np.stack(fits)
+
+
+def _waves(azimuth: Array, harmonics: int) -> Array:
+    """Return 1, cos α, sin α, cos 2α, … in columns."""
+    angles = azimuth[:, None] * np.arange(1, harmonics + 1)
+    return np.concatenate([np.ones((len(azimuth), 1)), np.cos(angles), np.sin(angles)], axis=1)
+
+
+def _pooled(
+    recording: Recording, dwells: Sequence[Dwell], scatters: Sequence[Array], rows: int
+) -> tuple[Array, float]:
+    """Return the covariance of each dwell's rows, (d, m, m), and the least degrees of freedom.
+
+    Dwells at one rate share the scatter of their turns; where they are too few all share it.
+    """
+    m = scatters[0].shape[0]
+    rates = np.array([abs(dwell.rate) for dwell in dwells])
+    turns = np.array([dwell.turns for dwell in dwells])
+    alike = np.abs(rates[:, None] / rates - 1) < _ALIKE
+    freedom = alike @ (rows * (turns - 1))
+    if freedom.min() < 10 * m:
+        alike = np.ones_like(alike)
+        freedom = alike @ (rows * (turns - 1))
+    if freedom.min() < 10 * m:
+        raise InputError(
+            f"{recording.source or 'recording'}: {int(turns.sum())} turns in {len(dwells)} dwells "
+            f"do not tell the noise of {m} channels; dwell longer"
+        )
+    total = np.einsum("de,eij->dij", alike, np.stack(scatters))
+    return total / (freedom * turns)[:, None, None], float(freedom.min())
