@@ -111,7 +111,7 @@ def _search(
 ) -> tuple[Point, Bools, NDArray[np.intp]]:
     """Return the last point, which trials converged (trials,), and the steps tried (trials,)."""
     trials = system.trials
-    point, whitener = system.first, system.whitener(system.start)
+    point, whitener = system.first, system.first_whitener
     cost, previous = _cost(point, loss), np.zeros(trials)
     damping, growth = np.zeros(trials), np.full(trials, 2.0)
     converged, active = np.zeros(trials, dtype=bool), np.ones(trials, dtype=bool)

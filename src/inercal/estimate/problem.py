@@ -37,7 +37,8 @@ class Problem:
     noise : array or callable
         Standard deviation of the observations, (m,) or (trials, m), or their covariance, (m, m) or
         (trials, m, m); an (m, m) array is always a covariance. Or a callable of x giving either:
-        weights that are frozen within a step and renewed between steps.
+        weights that are frozen within a step and renewed between steps. It is called with x as
+        `linearise` is, after it.
     scale : (p,) array
         Typical size of each parameter, positive; it makes singular values free of units.
     priors : tuple of Gaussian

@@ -88,8 +88,11 @@ class System:
         targets = [np.broadcast_to(c, (self.trials, c.shape[-1])) for _, c in rows]
         self.prior_target = np.concatenate([np.zeros((self.trials, 0)), *targets], axis=-1)
         self.start = np.broadcast_to(start, (self.trials, p))
-        self._constant = None if callable(problem.noise) else self._whitener(problem.noise)
-        self.first = self.point(self.start, *self._with_trials(residual, jacobian))
+        noise = problem.noise(start) if callable(problem.noise) else problem.noise
+        self.first_whitener = self._whitener(noise)
+        self.first = self.point(
+            self.start, *self._with_trials(residual, jacobian), self.first_whitener
+        )
         # What is known of the nuisances alone, for the judgement of what the data see.
         known = [prior.marginal(problem.nuisances) for prior in problem.priors]
         nuisance = [prior.rows(problem.names)[0] for prior in known if prior]
@@ -103,7 +106,7 @@ class System:
     @property
     def constant_noise(self) -> bool:
         """Whether the weights are the same at every point."""
-        return self._constant is not None
+        return not callable(self.problem.noise)
 
     def evaluate(self, x: Array) -> tuple[Array, Array]:
         """Return residual (trials, m) and Jacobian (1 or trials, m, p) at x (trials, p)."""
@@ -130,9 +133,8 @@ class System:
 
     def whitener(self, x: Array) -> Whitener:
         """Return the whitening at x (trials, p)."""
-        if self._constant is not None:
-            return self._constant
-        assert callable(self.problem.noise)
+        if not callable(self.problem.noise):
+            return self.first_whitener
         return self._whitener(self.problem.noise(x[0] if self.single else x))
 
     def _with_trials(self, residual: Array, jacobian: Array) -> tuple[Array, Array]:
