@@ -9,7 +9,8 @@ the attitudes are nuisances with their stated deviations, so that attitudes know
 norms tell.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,13 +19,14 @@ from inercal.benches.centrifuge import Centrifuge, FeltNorm, directions, felt_no
 from inercal.errors import NotObserved
 from inercal.estimate import Gauge, Gaussian, Problem
 from inercal.motion import Motion
-from inercal.observe import norm, vector
+from inercal.observe import NoisyNorm, noisy_norm, vector
 from inercal.parameters import Parameter
 from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import G0, Sensor
 
 Array = NDArray[np.float64]
+_Result = TypeVar("_Result")
 _ROUNDING = 2.0**-50  # of a norm, by the few operations that give it
 _NATURAL = {"m/s²": G0, "m": 1.0, "(m/s²)⁻¹": 1 / G0, "1": 1.0, "rad": 1.0, "rad/s": 1.0}
 _ROTATION = "rotation of the triad"
@@ -68,13 +70,20 @@ def by_norm(
     def felt(x: Array) -> FeltNorm:
         return felt_norm(bench, steps, known | {n: x[..., p + k] for k, n in enumerate(loose)})
 
-    def linearise(x: Array) -> tuple[Array, Array]:
-        made = felt(x)
+    @_kept
+    def compared(x: Array) -> tuple[FeltNorm, NoisyNorm]:
+        made, c = felt(x), x[..., :p]
         w = made.turned[..., None] * up if turning else None
-        seen = norm(sensor, observations.mean, x[..., :p], made.norm, w)
+        y, covariance = observations.mean, observations.covariance
+        return made, noisy_norm(sensor, y, covariance, c, made.norm, w)
+
+    def linearise(x: Array) -> tuple[Array, Array]:
+        made, seen = compared(x)
+        if not loose:
+            return seen.residual, seen.jacobian
         rows = np.broadcast_shapes(seen.residual.shape, made.norm.shape)
         jacobian = np.empty((*rows, p + len(loose)))
-        jacobian[..., :p] = seen.jacobian[..., :-1]
+        jacobian[..., :p] = seen.jacobian
         for k, name in enumerate(loose):
             jacobian[..., p + k] = -made.by[name]
             if turning and name in made.turned_by:
@@ -82,12 +91,8 @@ def by_norm(
         return seen.residual, jacobian
 
     def noise(x: Array) -> Array:
-        made = felt(x)
-        w = made.turned[..., None] * up if turning else None
-        seen = norm(sensor, observations.mean, x[..., :p], made.norm, w)
-        along = (seen.up[..., None, :] @ seen.by_reading)[..., 0, :]
-        variance = np.einsum("...i,...ij,...j->...", along, observations.covariance, along)
-        return np.sqrt(variance + made.dwell**2)
+        made, seen = compared(x)
+        return np.sqrt(seen.variance + made.dwell**2)
 
     start = _start(p, loose)
     # A norm of tens of g is rounded at a millionth of what it is known to.
@@ -168,6 +173,18 @@ def by_vector(
         observations=labels,
         rounding=float(np.max(largest)) * _ROUNDING,
     )
+
+
+def _kept(work: Callable[[Array], _Result]) -> Callable[[Array], _Result]:
+    """Return the function with its last result kept: residual and noise are asked for in turn."""
+    last: list[tuple[Array, _Result]] = []
+
+    def result(x: Array) -> _Result:
+        if not (last and np.array_equal(last[0][0], x)):
+            last[:] = [(x.copy(), work(x))]
+        return last[0][1]
+
+    return result
 
 
 def require_gauge(sensor: Sensor, priors: Sequence[Gaussian]) -> None:

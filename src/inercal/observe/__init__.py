@@ -3,7 +3,8 @@
 Vector observation: each row's mean reading against the reading of the motion it was made in,
 y − h(f, ω; c), with exact derivatives to the coefficients and, by the chain rule, to whatever the
 motion depends on. Norm observation: the attitude is unknown, and only the norm of what was felt
-is compared.
+is compared. Many trials of an orthogonal triad whose axes err along themselves alone go through a
+compiled kernel.
 """
 
 from typing import NamedTuple
@@ -11,10 +12,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.estimate.steps import FEW
 from inercal.motion import Motion
 from inercal.sensors import Sensor, inverse
 
 Array = NDArray[np.float64]
+
+_ALONG = ("k0", "k1", "k2", "k3", "koq")  # terms along an axis itself, as the kernel counts them
 
 
 def vector(
@@ -56,7 +60,7 @@ class Norm(NamedTuple):
     up: Array  # (..., r, 3), f̂ / ‖f̂‖
     by_coefficient: Array  # (..., r, 3, p), ∂f̂/∂c
     by_reading: Array  # (..., r or 1, 3, m), ∂f̂/∂y
-    by_rate: Array  # (..., r or 1, 3), ∂‖f̂‖/∂ω
+    by_rate: Array  # (..., r, 3), ∂‖f̂‖/∂ω
 
 
 def norm(sensor: Sensor, y: Array, c: Array, g: Array, w: Array | None = None) -> Norm:
@@ -95,3 +99,64 @@ def norm(sensor: Sensor, y: Array, c: Array, g: Array, w: Array | None = None) -
     by_rate = -(up[..., None, :] @ back @ slope[..., 3:])[..., 0, :]
     residual = np.where(seen, g - length, np.nan)
     return Norm(residual, jacobian, felt, up, by_coefficient, back, by_rate)
+
+
+class NoisyNorm(NamedTuple):
+    """What `noisy_norm` returns; shapes for r rows and p coefficients."""
+
+    residual: Array  # (..., r), m/s²
+    jacobian: Array  # (..., r, p), of ‖f̂‖ to the coefficients
+    variance: Array  # (..., r), of ‖f̂‖ by the readings' noise, (m/s²)²
+    by_rate: Array  # (..., r, 3), of ‖f̂‖ to ω; zero without lever arms
+
+
+def noisy_norm(
+    sensor: Sensor,
+    y: Array,
+    covariance: Array,
+    c: Array,
+    made: Array,
+    w: Array | None = None,
+) -> NoisyNorm:
+    """Return the residuals of `norm` and their variance by the readings' noise seen along f̂.
+
+    Parameters
+    ----------
+    sensor, y, c
+        As of `norm`.
+    covariance : (..., r, m, m) array
+        Of the readings in each row.
+    made : (..., r) array
+        Norm of specific force in each row, m/s².
+    w : (..., r, 3) array, optional
+        As of `norm`.
+    """
+    r, p = y.shape[-2], c.shape[-1]
+    lead = np.broadcast_shapes(y.shape[:-2], covariance.shape[:-3], c.shape[:-1], made.shape[:-1])
+    if len(lead) == 1 and lead[0] > FEW and _apart(sensor):
+        from inercal.observe import _kernels
+
+        names = [name.split(".") for name in sensor.coefficients]
+        # NumPy's memory comes in large pages: the solver reads it faster than compiled code's own.
+        jacobian = np.empty((*lead, r, p))
+        residual, variance = _kernels.norm(
+            np.ascontiguousarray(y).reshape(-1, r, 3),
+            np.ascontiguousarray(covariance).reshape(-1, r, 3, 3),
+            np.ascontiguousarray(np.atleast_2d(c)),
+            np.array([sensor.channels.index(axis) for axis, _ in names], dtype=np.int64),
+            np.array([_ALONG.index(term) for _, term in names], dtype=np.int64),
+            np.ascontiguousarray(np.atleast_2d(made)),
+            jacobian,
+        )
+        return NoisyNorm(residual, jacobian, variance, np.broadcast_to(0.0, (*lead, r, 3)))
+    seen = norm(sensor, y, c, made, w)
+    to_reading = (seen.up[..., None, :] @ seen.by_reading)[..., 0, :]
+    variance = np.einsum("...i,...ij,...j->...", to_reading, covariance, to_reading)
+    return NoisyNorm(seen.residual, seen.jacobian[..., :-1], variance, seen.by_rate)
+
+
+def _apart(sensor: Sensor) -> bool:
+    """Return whether the axes are an orthogonal triad, each with terms along itself alone."""
+    i = np.array([axis.i for axis in sensor.axes])
+    orthogonal = len(i) == 3 and bool(np.all(np.abs(i @ i.T - np.eye(3)) < 2.0**-50))
+    return orthogonal and all(name.partition(".")[2] in _ALONG for name in sensor.coefficients)
