@@ -6,6 +6,7 @@ told, which is the true one but for its error, as an encoder's clock has it.
 """
 
 from collections.abc import Sequence
+from math import atan2, cos, sin
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,8 +29,11 @@ def perform_on_arm(
     rate_hz: float,
     rng: np.random.Generator,
     trials: int = 1,
-) -> tuple[Performance, Array]:
-    """Return the motion of each trial, and the rate that the bench reads back, (n,) rad/s.
+) -> tuple[Performance, dict[str, Array]]:
+    """Return the motion of each trial, and what the bench reads back.
+
+    It reads back "arm_rate", rad/s, and the angles of the two-axis head, "psi" and "theta", rad,
+    (n,) each.
 
     Parameters
     ----------
@@ -53,10 +57,11 @@ def perform_on_arm(
     named = positions(steps)
     f: list[Array] = []
     w: list[Array] = []
-    rates: list[Array] = []
+    said: list[Array] = []
     labels: list[str] = []
     azimuth = 0.0
-    for attitude, name in named.items():
+    for attitude, first in named.items():
+        name = first.rpartition("_r")[0] or first  # of the attitude alone
         own = [step for step in steps if step.attitude == attitude]
         rate, which = _profile(own, rate_hz)
         turned = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]))])
@@ -65,11 +70,21 @@ def perform_on_arm(
         azimuth = float(swept[-1])
         f.append(parts[0])
         w.append(parts[1])
-        rates.append(rate)
+        psi, theta = _angles(own[0])
+        said.append(np.vstack([rate, np.full_like(rate, psi), np.full_like(rate, theta)]))
         labels += [name] * rate.size
     motion = Motion(np.concatenate(f, axis=-2), np.concatenate(w, axis=-2))
     time = np.arange(len(labels)) / rate_hz
-    return Performance(time, motion, np.array(labels), drawn), np.concatenate(rates)
+    return Performance(time, motion, np.array(labels), drawn), dict(
+        zip(("arm_rate", "psi", "theta"), np.concatenate(said, axis=1), strict=True)
+    )
+
+
+def _angles(step: Spin) -> tuple[float, float]:
+    """Return ψ and θ of the two-axis head."""
+    (out,), (up,) = directions([step])
+    theta = atan2(up[0], -up[2])
+    return atan2(out[1], out[0] * cos(theta) + out[2] * sin(theta)), theta
 
 
 def _profile(steps: Sequence[Spin], rate_hz: float) -> tuple[Array, NDArray[np.int64]]:

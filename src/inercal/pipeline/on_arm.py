@@ -39,6 +39,11 @@ def gather(run: Run, bench: Centrifuge) -> Gathered:
             f"{run.path}: [data] attitude is missing: lever arms and [bench] indexing need the "
             "columns of ψ and θ"
         )
+    if bench.indexing is not None and bench.platform != "locked":
+        raise InputError(
+            f"{run.path}: [bench] indexing: on a counter-rotating platform norms alone are used; "
+            "leave it out"
+        )
     return _table(run, bench) if run.data.kind == "means" else _recording(run, bench)
 
 

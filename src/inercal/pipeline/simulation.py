@@ -52,8 +52,7 @@ def simulate(run: Run | str | Path, seed: int = 0, trials: int | None = None) ->
         done = perform(run.bench, nominal(run), run.rate_hz, rng, trials or 1, carried=carried)
     else:
         spins = [step for step in run.steps if isinstance(step, Spin)]
-        done, rate = perform_on_arm(run.bench, spins, run.rate_hz, rng, trials or 1)
-        readback = {"arm_rate": rate} | _angles(spins, done.labels)
+        done, readback = perform_on_arm(run.bench, spins, run.rate_hz, rng, trials or 1)
     sensor = run.sensor.with_coefficients(*run.truth)
     c = np.array([run.truth[name] for name in sensor.coefficients])
     motion = done.motion
@@ -69,20 +68,6 @@ def simulate(run: Run | str | Path, seed: int = 0, trials: int | None = None) ->
         readback=readback,
         source=f"simulation of {run.path.name}, seed {seed}",
     )
-
-
-def _angles(spins: list[Spin], labels: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the angles of the two-axis head at each sample, rad."""
-    angles: dict[str, tuple[float, float]] = {}
-    for step in spins:
-        if step.attitude is not None:
-            (x, y, z), (sine, _, cosine) = step.attitude.out, step.attitude.up
-            theta = float(np.arctan2(sine, -cosine))
-            level = x * np.cos(theta) + z * np.sin(theta)
-            angles.setdefault(step.label, (float(np.arctan2(y, level)), theta))
-    names, place = np.unique(labels, return_inverse=True)
-    table = np.array([angles[str(name)] for name in names])
-    return {"psi": table[place, 0], "theta": table[place, 1]}
 
 
 def named_as_in(run: Run, recording: Recording) -> Recording:

@@ -22,12 +22,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches.centrifuge import Centrifuge, felt_norm
-from inercal.errors import InputError
+from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate, Gaussian, least_squares
 from inercal.methods._base import Method
 from inercal.methods.centrifuge_norm import closed
 from inercal.methods.centrifuge_norm.plans import plan
-from inercal.methods.centrifuge_norm.problems import problem
+from inercal.methods.centrifuge_norm.problems import by_norm, problem
 from inercal.methods.observed import require_observed
 from inercal.plan import Spin
 from inercal.recording import Observations
@@ -66,7 +66,33 @@ def ml(
     """
     estimate = least_squares(problem(observations, sensor, bench, steps, priors))
     require_observed(estimate, sensor, missing=())
-    return replace(estimate, notes=(_seen(estimate), *estimate.notes))
+    notes = [_seen(estimate)]
+    if bench.indexing is not None and observations.mean.ndim == 2:
+        notes.append(_gained(estimate, observations, sensor, bench, steps, priors))
+    return replace(estimate, notes=(*notes, *estimate.notes))
+
+
+def _gained(
+    estimate: Estimate,
+    observations: Observations,
+    sensor: Sensor,
+    bench: Centrifuge,
+    steps: Sequence[Spin],
+    priors: Sequence[Gaussian],
+) -> str:
+    """Say what the attitudes bring beside norms, by the uncertainties as modelled."""
+    try:
+        alone = least_squares(by_norm(observations, sensor, bench, steps, priors))
+        require_observed(alone, sensor, missing=())
+    except NotObserved as error:
+        return f"the attitudes tell what norms alone leave open: {'; '.join(error.directions)}"
+    p = len(sensor.coefficients)
+    ratio = np.sqrt(np.diagonal(estimate.covariance)[:p] / np.diagonal(alone.covariance)[:p])
+    most = int(ratio.argmin())
+    return (
+        f"known attitudes bring uncertainties to {ratio.min():.2g} to {ratio.max():.2g} of what "
+        f"norms alone give, most for {sensor.coefficients[most]}"
+    )
 
 
 def _seen(estimate: Estimate) -> str:

@@ -66,6 +66,7 @@ def by_norm(
     loose, known = _split(declared)
     turning = sensor.uses("wi", "wp", "wo") and bench.platform == "locked"
     up = directions(steps)[1] if turning else np.zeros((1, 3))
+    shared = _shared(observations, bench, steps)
 
     def felt(x: Array) -> FeltNorm:
         return felt_norm(bench, steps, known | {n: x[..., p + k] for k, n in enumerate(loose)})
@@ -92,11 +93,17 @@ def by_norm(
 
     def noise(x: Array) -> Array:
         made, seen = compared(x)
-        return np.sqrt(seen.variance + made.dwell**2)
+        if shared is None:
+            return np.sqrt(seen.variance + made.dwell**2)
+        full = seen.variance[..., None] * np.eye(len(steps))
+        for name, sd in (("dwell_rate", bench.dwell_rate), ("dwell_tilt", bench.dwell_tilt)):
+            by = sd * made.by[name]
+            full = full + shared * (by[..., :, None] * by[..., None, :])
+        return full
 
     start = _start(p, loose)
     # A norm of tens of g is rounded at a millionth of what it is known to.
-    rounding = float(np.max(felt(start).norm / noise(start))) * _ROUNDING
+    rounding = float(np.max(felt(start).norm / np.sqrt(compared(start)[1].variance))) * _ROUNDING
     return Problem(
         names=(*sensor.coefficients, *loose),
         start=start,
@@ -110,6 +117,18 @@ def by_norm(
         known_nulls=_known_nulls(sensor, p + len(loose)),
         rounding=rounding,
     )
+
+
+def _shared(
+    observations: Observations, bench: Centrifuge, steps: Sequence[Spin]
+) -> NDArray[np.bool_] | None:
+    """Return which rows are of one dwell, (r, r), where that matters: azimuths share its errors."""
+    if not (bench.dwell_rate or bench.dwell_tilt):
+        return None
+    at_azimuth = np.array([step.azimuth is not None for step in steps])
+    same = observations.time[:, None] == observations.time
+    same &= at_azimuth[:, None] & at_azimuth
+    return (same | np.eye(len(steps), dtype=bool)) if at_azimuth.any() else None
 
 
 def by_vector(

@@ -131,7 +131,7 @@ def screen(
             covariance=np.repeat(observations.covariance[k : k + 1], len(rows), axis=0),
             duration=np.ones(len(rows)),
             samples=np.ones(len(rows), dtype=np.int64),
-            time=np.zeros(len(rows)),
+            time=np.arange(len(rows), dtype=float),  # rows at one time are of one dwell
             drift=None,
         )
         one = by_norm(seen, sensor, bench, [steps[k]] * len(rows), priors)
