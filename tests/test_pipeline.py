@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 from tests.runfile.texts import FERRARIS, SIX_POSITIONS, run_file
 
+from inercal.benches import Hand
 from inercal.benches.simulate import perform
 from inercal.errors import InputError, NotObserved
 from inercal.io.write import write_recording
 from inercal.pipeline import Outcome, apply, calibrate, named_as_in, simulate
+from inercal.pipeline.by_hand import nominal
 from inercal.recording import Recording
 from inercal.runfile import Run, read
 from inercal.sensors import G0
@@ -105,7 +107,8 @@ def test_a_corrected_recording_is_close_to_what_was_felt(tmp_path: Path):
     corrected = apply(calibrate(run).calibration, run)
     # The bench's errors are the first that a simulation draws from its seed.
     assert run.rate_hz is not None
-    true = perform(run.bench, run.steps, run.rate_hz, np.random.default_rng(1)).motion
+    assert isinstance(run.bench, Hand)
+    true = perform(run.bench, nominal(run), run.rate_hz, np.random.default_rng(1)).motion
     assert corrected.channels == ("fx", "fy", "fz", "wx", "wy", "wz")
     assert corrected.units == ("m/s²",) * 3 + ("rad/s",) * 3
     assert np.abs(corrected.data[:, :3] - true.f[0]).max() < 1e-3  # m/s²; 0.3 before

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from inercal.benches import Hand
 from inercal.calibration import Calibration
 from inercal.pipeline import Outcome, calibrate
 from inercal.runfile import Run, read
@@ -138,6 +139,7 @@ def test_ml_differs_from_classical_within_its_uncertainty_which_is_the_hands(
     assert (ml.std > formulas.std).all()
     scale = [names.index(f"a{a}.k1") for a in "xyz"]
     more = (ml.values - formulas.values)[scale]
+    assert isinstance(run.bench, Hand)
     tilt, gravity = run.bench.tilt, run.bench.gravity
     # Two tangents, each known to tilt/√2 once the opposite face has been read, lose tilt²/2 in
     # the mean; what the fit makes of the leans it sees is of the same order.

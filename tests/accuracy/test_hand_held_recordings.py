@@ -13,6 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from inercal import calibrate
+from inercal.benches import Hand
 from inercal.methods.multi_position import joint
 from inercal.methods.multi_position.chain import whitener
 from inercal.methods.multi_position.rests import Rests, Scatter
@@ -139,6 +140,7 @@ def test_xsens_moves_without_a_pose_as_its_uncertainties_say(xsens: Outcome):
     weigh little is that C, as the usual jackknife takes it; here two poses alone lie near +x.
     """
     sensor, bench, estimate = xsens.calibration.sensor, xsens.bench, xsens.estimate
+    assert isinstance(bench, Hand)
     p, n = len(sensor.coefficients), len(xsens.marks)
     scatter = Scatter(*(group.spread for group in estimate.groups))
 

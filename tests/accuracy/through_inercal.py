@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 from tests.accuracy.generator import CHANNELS, Handling, Imu, Made
 
 from inercal.benches import Hand
-from inercal.plan import Hold, Step, Turn
+from inercal.plan import HandStep, Hold, Turn
 from inercal.recording import Mark, Observations, Recording
 from inercal.segments import observe
 from inercal.sensors import Sensor
@@ -26,7 +26,7 @@ def marks(made: Made) -> tuple[Mark, ...]:
 
 
 def observed(
-    made: Made, sensor: Sensor, steps: tuple[Step, ...], trial: int | None = None
+    made: Made, sensor: Sensor, steps: tuple[HandStep, ...], trial: int | None = None
 ) -> Observations:
     return observe(recording(made, trial), sensor, marks(made), steps)
 

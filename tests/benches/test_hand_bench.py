@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from inercal.benches import Hand
 from inercal.benches.hand import DEGREE, Felt, across, felt, tilted
 from inercal.earth import EARTH_RATE
-from inercal.plan import AXES, Hold, Step, Turn, Vector, ferraris
+from inercal.plan import AXES, HandStep, Hold, Turn, Vector, ferraris
 from inercal.units import Measured
 
 Array = NDArray[np.float64]
@@ -17,7 +17,7 @@ SKEW_UP: Vector = (2 / 3, -1 / 3, 2 / 3)
 UPS: list[Vector] = [*AXES.values(), (0.0, 0.0, -1.0), (0.0, -1.0, 0.0), SKEW_UP]
 BENCH = Hand(Measured(9.81, 1e-3), latitude=None)
 SECONDS = 8.0
-STEPS: list[Step] = [
+STEPS: list[HandStep] = [
     Hold("face", (0.0, 0.0, -1.0), 10.0),
     Hold("face", SKEW_UP, 10.0),
     Turn("face", (0.0, 1.0, 0.0), -2 * pi, SECONDS),
@@ -25,7 +25,7 @@ STEPS: list[Step] = [
 ]
 
 
-def nuisances(step: Step) -> dict[str, float]:
+def nuisances(step: HandStep) -> dict[str, float]:
     """Return values far from zero, so that a term that is missing shows."""
     rng = np.random.default_rng(8)
     q = {
@@ -38,12 +38,12 @@ def nuisances(step: Step) -> dict[str, float]:
     return q
 
 
-def at(step: Step, q: dict[str, float]) -> Felt:
+def at(step: HandStep, q: dict[str, float]) -> Felt:
     return felt(step, SECONDS, {name: np.array(value) for name, value in q.items()})
 
 
 @pytest.mark.parametrize("step", STEPS, ids=lambda step: step.in_words())
-def test_every_derivative_of_what_is_felt_is_that_of_central_differences(step: Step):
+def test_every_derivative_of_what_is_felt_is_that_of_central_differences(step: HandStep):
     q = nuisances(step)
     here = at(step, q)
     assert set(here.df) | set(here.dw) <= set(q)
@@ -59,7 +59,7 @@ def test_every_derivative_of_what_is_felt_is_that_of_central_differences(step: S
 
 
 @pytest.mark.parametrize("step", STEPS, ids=lambda step: step.in_words())
-def test_trials_are_worked_out_as_if_each_were_alone(step: Step):
+def test_trials_are_worked_out_as_if_each_were_alone(step: HandStep):
     first, second = nuisances(step), {name: -v for name, v in nuisances(step).items()}
     both = felt(step, SECONDS, {n: np.array([v, second[n]]) for n, v in first.items()})
     for k, q in enumerate((first, second)):

@@ -10,7 +10,7 @@ from inercal import frames
 from inercal.benches import Hand
 from inercal.benches.hand import DEGREE, felt
 from inercal.benches.simulate import Performance, perform
-from inercal.plan import Hold, Step, Turn, ferraris, six_positions
+from inercal.plan import HandStep, Hold, Turn, ferraris, six_positions
 from inercal.units import Measured
 
 Array = NDArray[np.float64]
@@ -25,7 +25,7 @@ def performed(
     rate_hz: float = 50.0,
     trials: int = 4,
     seed: int = 1,
-    steps: tuple[Step, ...] = STEPS,
+    steps: tuple[HandStep, ...] = STEPS,
 ) -> Performance:
     return perform(bench, steps, rate_hz, np.random.default_rng(seed), trials)
 
@@ -47,7 +47,7 @@ def test_every_step_leaves_one_section_of_its_length_in_the_order_of_the_plan():
 
 
 @pytest.mark.parametrize("step", STEPS, ids=lambda step: step.label)
-def test_means_over_a_section_are_what_the_estimator_expects_to_be_felt(step: Step):
+def test_means_over_a_section_are_what_the_estimator_expects_to_be_felt(step: HandStep):
     done = performed()
     part = section(done, step.label)
     f, w = done.motion.f[:, part].mean(axis=1), done.motion.w[:, part].mean(axis=1)
@@ -80,7 +80,7 @@ def test_specific_force_is_gravity_from_beginning_to_end(tilt: float):
     assert norm == pytest.approx(np.broadcast_to(done.drawn["g"][:, None], norm.shape), rel=1e-12)
 
 
-def drift(bench: Hand, rate_hz: float, steps: tuple[Step, ...] = STEPS) -> float:
+def drift(bench: Hand, rate_hz: float, steps: tuple[HandStep, ...] = STEPS) -> float:
     """Return how far up, carried along by the rates alone, strays from the specific force."""
     done = performed(bench, rate_hz, trials=3, steps=steps)
     # Samples are the middles of intervals of constant rate: du/dt = −ω × u.

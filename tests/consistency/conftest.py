@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from tests.accuracy.generator import DEGREE, Handling, Imu, mems, record
 from tests.accuracy.through_inercal import bench, observed, truth
 
+from inercal.benches import Hand
 from inercal.estimate import Estimate
 from inercal.methods import METHODS
 from inercal.sensors import imu
@@ -68,7 +69,7 @@ def sessions(request: pytest.FixtureRequest) -> Sessions:
     made = record(device, HANDS, rng, trials=TRIALS)
     found: dict[str, Judged] = {}
     for name, method in METHODS.items():
-        if method.free:
+        if method.free or method.bench is not Hand:
             continue
         sensor, steps = method.prepare(imu()), method.plan()
         estimate = method.estimator("ml")(

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from inercal.pipeline import simulate
+from inercal.pipeline.by_hand import nominal
 from inercal.runfile import read
 from inercal.segments import marks_from_labels, observe
 
@@ -55,8 +56,8 @@ def test_simulated_sessions_err_as_stated(tmp_path: Path, method: str):
     path.write_text(text, encoding="utf-8")
     run = read(path)
     made = simulate(run, seed=4, trials=TRIALS)
-    observations = observe(made, run.sensor, marks_from_labels(made), run.steps)
-    estimate = run.method.estimator("ml")(observations, run.sensor, run.bench, run.steps)
+    observations = observe(made, run.sensor, marks_from_labels(made), nominal(run))
+    estimate = run.method.estimator("ml")(observations, run.sensor, run.bench, nominal(run))
     names = run.sensor.coefficients
     p = len(names)
     error = estimate.value[:, :p] - np.array([run.truth.get(name, 0.0) for name in names])

@@ -9,10 +9,13 @@ from numpy.typing import NDArray
 from tests.accuracy.generator import EARTH, POSITIONS, TURNS, Handling, Imu
 from tests.consistency.conftest import TRIALS, Sessions
 
+from inercal.benches import Hand
 from inercal.methods import METHODS
 
 Array = NDArray[np.float64]
-both = pytest.mark.parametrize("method", [name for name, m in METHODS.items() if not m.free])
+both = pytest.mark.parametrize(
+    "method", [name for name, m in METHODS.items() if m.bench is Hand and not m.free]
+)
 
 
 @both

@@ -10,7 +10,7 @@ from tests.accuracy.through_inercal import bench, observed
 
 from inercal.errors import InputError
 from inercal.methods import METHODS
-from inercal.plan import Step
+from inercal.plan import HandStep
 from inercal.recording import Finding
 from inercal.segments import check_against_plan
 from inercal.sensors import imu
@@ -32,7 +32,7 @@ def session(angle: float = 2 * np.pi) -> Made:
     return record(mems(rng), HANDS, rng, angle=angle)
 
 
-def findings(made: Made, plan: tuple[Step, ...] | None = None) -> tuple[Finding, ...]:
+def findings(made: Made, plan: tuple[HandStep, ...] | None = None) -> tuple[Finding, ...]:
     steps = METHODS["ferraris"].plan() if plan is None else plan
     seen = observed(made, SENSOR, steps, 0)
     return check_against_plan(seen, SENSOR, steps, HANDS.gravity)

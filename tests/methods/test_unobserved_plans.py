@@ -16,7 +16,7 @@ from tests.accuracy.through_inercal import bench, hold, observed, truth, turn
 from inercal.errors import NotObserved
 from inercal.estimate import Estimate, Gaussian
 from inercal.methods import METHODS
-from inercal.plan import Step
+from inercal.plan import HandStep
 from inercal.sensors import imu
 
 Array = NDArray[np.float64]
@@ -36,7 +36,7 @@ def calibrated(
     faces: dict[str, Array],
     turns: dict[str, Array] | None = None,
     *,
-    steps: tuple[Step, ...] = (),
+    steps: tuple[HandStep, ...] = (),
     priors: tuple[Gaussian, ...] = (),
 ) -> Estimate:
     """Return ml's estimate of a session of these faces and turns; its plan may have more steps."""

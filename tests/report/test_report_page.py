@@ -247,7 +247,7 @@ def test_an_estimate_without_residuals_says_what_its_uncertainty_lacks(run: Run)
     text = page(calibrate(replace(run, estimator="classical")), None)
     assert "U holds the noise of the means only" in " ".join(text.split())
     assert "Usable, but untested" in text
-    assert "takes the bench as exact" in text
+    assert "bench is taken as exact" in text
 
 
 def test_faces_without_a_position_are_named(outcome: Outcome):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from tests.runfile.texts import FERRARIS, SIX_POSITIONS, changed, run_file
 
+from inercal.benches import Hand
 from inercal.earth import normal_gravity
 from inercal.errors import InputError
 from inercal.plan import Turn
@@ -43,6 +44,7 @@ def test_a_good_file_comes_out_in_si(tmp_path: Path):
     assert run.truth["ay.k1"] == pytest.approx(-0.005)
     assert run.truth["gz.g_i"] == pytest.approx(110 * DEGREE / 3600 / G0)
     assert (run.bench.gravity.value, run.bench.gravity.sd) == (9.81, pytest.approx(2e-4))
+    assert isinstance(run.bench, Hand)
     assert run.bench.latitude == pytest.approx(47 * DEGREE)
     assert run.bench.turn_tilt == pytest.approx(0.3 * DEGREE)
     assert run.rate_hz == 50
@@ -99,7 +101,7 @@ def test_chosen_coefficients_replace_those_of_the_method(tmp_path: Path):
         ('tilt = "0.3 °"\nturn_a', 'tilt = "0.3"\nturn_a', ["[bench] tilt", "unit"]),
         ('"9.81 m/s² ± 0.2 mm/s²"', '"5 m/s²"', ["[bench] gravity", "9.76 to 9.84"]),
         ('"9.81 m/s² ± 0.2 mm/s²"', '"98.1 m"', ["[bench] gravity", "98.1 m"]),
-        ('latitude = "47 °"', 'kind = "robot"', ["bench.kind", "'hand'"]),
+        ('latitude = "47 °"', 'kind = "robot"', ["bench", "'robot'", "'hand', 'centrifuge'"]),
         ('name = "ferraris"', 'name = "feraris"', ["'feraris'", "six_position, ferraris"]),
         (
             'name = "ferraris"',

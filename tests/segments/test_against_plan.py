@@ -8,6 +8,7 @@ from tests.runfile.texts import FERRARIS, run_file
 
 from inercal.errors import InputError
 from inercal.pipeline import simulate
+from inercal.pipeline.by_hand import nominal
 from inercal.plan import Hold, direction
 from inercal.recording import Finding, Mark, Observations, Recording
 from inercal.runfile import Run, read
@@ -28,7 +29,7 @@ def made(run: Run) -> Recording:
 
 @pytest.fixture(scope="module")
 def observations(run: Run, made: Recording) -> Observations:
-    return observe(made, run.sensor, marks_from_labels(made), run.steps)
+    return observe(made, run.sensor, marks_from_labels(made), nominal(run))
 
 
 def changed(
@@ -48,7 +49,7 @@ def changed(
 
 
 def check(run: Run, seen: Observations) -> tuple[Finding, ...]:
-    return check_against_plan(seen, run.sensor, run.steps, run.bench.gravity.value)
+    return check_against_plan(seen, run.sensor, nominal(run), run.bench.gravity.value)
 
 
 def test_a_session_as_planned_has_nothing_to_say(run: Run, observations: Observations):
@@ -83,7 +84,7 @@ def test_what_cannot_be_meant_is_refused_by_section_with_what_was_read(
     with pytest.raises(InputError) as refused:
         check(run, changed(observations, columns, factors, rows))
     message = str(refused.value)
-    step = next(step for step in run.steps if step.label == section)
+    step = next(step for step in nominal(run) if step.label == section)
     assert message.startswith(f"section {section} should ")
     assert direction(step.up if isinstance(step, Hold) else step.axis) in message
     assert hint in message
@@ -117,7 +118,7 @@ def turn_ends(run: Run, made: Recording, label: str, start: int, stop: int) -> l
         Mark(m.label, m.start + start, m.stop + stop) if m.label == label else m
         for m in marks_from_labels(made)
     ]
-    findings = check_turn_ends(made, run.sensor, marks, run.steps)
+    findings = check_turn_ends(made, run.sensor, marks, nominal(run))
     assert {finding.severity for finding in findings} <= {"warning"}
     return [finding.message for finding in findings]
 

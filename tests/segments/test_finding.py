@@ -12,7 +12,7 @@ from inercal.benches.hand import DEGREE
 from inercal.benches.simulate import PAUSE_SECONDS, perform
 from inercal.errors import InputError
 from inercal.pipeline import read_out
-from inercal.plan import Hold, Step, Turn, ferraris, six_positions
+from inercal.plan import HandStep, Hold, Turn, ferraris, six_positions
 from inercal.recording import Mark, Recording
 from inercal.segments import find_marks
 from inercal.sensors import G0, Noise, Readout, Sensor, imu, triad
@@ -36,10 +36,10 @@ PLAN = ferraris(seconds=5.0, turn_seconds=5.0)
 @dataclass(frozen=True, eq=False)
 class Session:
     recording: Recording
-    plan: tuple[Step, ...]
+    plan: tuple[HandStep, ...]
     sensor: Sensor
 
-    def found(self, plan: Sequence[Step] | None = None) -> dict[str, Mark]:
+    def found(self, plan: Sequence[HandStep] | None = None) -> dict[str, Mark]:
         marks = find_marks(self.recording, self.sensor, self.plan if plan is None else plan)
         assert len({mark.label for mark in marks}) == len(marks)
         return {mark.label: mark for mark in marks}
@@ -51,7 +51,7 @@ class Session:
 
 
 def session(
-    plan: tuple[Step, ...] = PLAN,
+    plan: tuple[HandStep, ...] = PLAN,
     sensor: Sensor = IMU,
     seed: int = 3,
     bench: Hand = HAND,
@@ -69,7 +69,7 @@ def session(
     return Session(made, plan, sensor)
 
 
-def assert_recovered(made: Session, plan: Sequence[Step] | None = None) -> None:
+def assert_recovered(made: Session, plan: Sequence[HandStep] | None = None) -> None:
     """Assert that each step is found, within its own section and most of it."""
     steps = made.plan if plan is None else plan
     found = made.found(steps)

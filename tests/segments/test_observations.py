@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from inercal.errors import InputError
-from inercal.plan import Hold, Step, Turn
+from inercal.plan import HandStep, Hold, Turn
 from inercal.recording import Finding, Mark, Observations, Recording
 from inercal.segments import observe
 from inercal.segments.average import MIN_SAMPLES
@@ -17,7 +17,7 @@ from inercal.sensors import Noise, Readout, Sensor, triad
 Array = NDArray[np.float64]
 RATE = 100.0
 SENSOR = triad("triad", "f", "", Readout(scale=50.0, offset=7.0, unit="LSB"))
-STEPS: tuple[Step, ...] = (
+STEPS: tuple[HandStep, ...] = (
     Hold("down", (0.0, 0.0, -1.0), 8.0),
     Hold("up", (0.0, 0.0, 1.0), 8.0),
     Turn("turn", (0.0, 0.0, 1.0), 2 * pi, 8.0),

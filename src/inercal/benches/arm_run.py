@@ -70,14 +70,14 @@ def perform_on_arm(
         azimuth = float(swept[-1])
         f.append(parts[0])
         w.append(parts[1])
-        psi, theta = _angles(own[0])
-        said.append(np.vstack([rate, np.full_like(rate, psi), np.full_like(rate, theta)]))
+        head = _angles(own[0])
+        said.append(np.stack([rate, *(np.full(rate.size, angle) for angle in head)]))
         labels += [name] * rate.size
     motion = Motion(np.concatenate(f, axis=-2), np.concatenate(w, axis=-2))
     time = np.arange(len(labels)) / rate_hz
-    return Performance(time, motion, np.array(labels), drawn), dict(
-        zip(("arm_rate", "psi", "theta"), np.concatenate(said, axis=1), strict=True)
-    )
+    rate, psi, theta = np.concatenate(said, axis=1)
+    readback = {"arm_rate": rate, "psi": psi, "theta": theta}
+    return Performance(time, motion, np.array(labels), drawn), readback
 
 
 def _angles(step: Spin) -> tuple[float, float]:

@@ -43,7 +43,7 @@ def verdict(
         lines.append(
             f"{p} coefficients found, but the residuals are larger than noise and bench allow "
             f"(χ² = {estimate.chi2:.1f} with {estimate.dof} degrees of freedom, "
-            f"p = {float(estimate.p_value):.1g}): all uncertainties are scaled by "
+            f"p {_chance(float(estimate.p_value))}): all uncertainties are scaled by "
             f"{float(estimate.birge):.2f}; look for the position or turn that sticks out among the "
             "residuals and the bench's errors"
         )

@@ -1,18 +1,16 @@
 """Calibration methods by name."""
 
+from collections.abc import Mapping
 from typing import Any
 
 from inercal.errors import InputError
 from inercal.methods import centrifuge_norm, ferraris, multi_position, six_position
 from inercal.methods._base import Method
 
-_ALL: tuple[Method[Any, Any], ...] = (
-    six_position.METHOD,
-    ferraris.METHOD,
-    multi_position.METHOD,
-    centrifuge_norm.METHOD,
-)
-METHODS = {method.name: method for method in _ALL}
+METHODS: Mapping[str, Method[Any, Any]] = {
+    module.METHOD.name: module.METHOD
+    for module in (six_position, ferraris, multi_position, centrifuge_norm)
+}
 
 
 def method(name: str) -> Method[Any, Any]:

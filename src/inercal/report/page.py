@@ -82,6 +82,7 @@ def page(outcome: Outcome, truth: Mapping[str, float] | None) -> str:
         sections=sections(outcome, found),
         missing=missing_faces(found),
         turned=any(isinstance(step, Turn) for step in outcome.steps),
+        placed=any(not isnan(attitude.off) for attitude in found),
         spun=any(isinstance(step, Spin) for step in outcome.steps),
         free=bool(estimate.groups),
         quiet=None

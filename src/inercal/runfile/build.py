@@ -118,7 +118,7 @@ def _centrifuge(section: CentrifugeSection) -> Centrifuge:
         radius=radius,
         latitude=latitude,
         stretch=measured(section.stretch, "1/(m/s²)", "[bench] stretch"),
-        rate=_deviation(section, "rate", "1"),
+        rate=_deviation(section, "rate_error", "1"),
         tilt=_deviation(section, "tilt", "°"),
         lean=_deviation(section, "lean", "°"),
         dwell_rate=_deviation(section, "dwell_rate", "1"),

@@ -61,7 +61,7 @@ class CentrifugeSection(_BenchSection):
     kind: Literal["centrifuge"]
     radius: str
     stretch: str = "0 ppm/g"
-    rate: str = "1 ppm"
+    rate_error: str = "1 ppm"
     tilt: str = "2 ″"
     lean: str = "2 ″"
     dwell_rate: str = "0 ppm"

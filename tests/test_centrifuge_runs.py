@@ -1,0 +1,231 @@
+"""Run files on a centrifuge, from the file to the verdict; what is wrong is said in one line."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.accuracy.centrifuge import PAPER_G, Triad
+
+from inercal.benches import Centrifuge
+from inercal.calibration.files import save
+from inercal.errors import InputError, NotObserved
+from inercal.io.write import write_recording
+from inercal.pipeline import Outcome, calibrate, named_as_in, simulate
+from inercal.report import write_report
+from inercal.runfile import read
+
+ROOT = Path(__file__).parents[1]
+EXAMPLES = ROOT / "examples" / "centrifuge"
+# Signs that print lost, by position and rate of the arm.
+LOST = {(p, rpm, "az") for p in (1, 5, 9, 13, 17, 10) for rpm in (60, 120, 180)}
+LOST |= {(p, 60, "ax") for p in (6, 15, 16, 19, 20)}
+
+
+def table(name: str, data_dir: Path) -> Outcome:
+    if not (data_dir / "centrifuge_table1").exists():
+        pytest.skip(f"{data_dir / 'centrifuge_table1'} is missing")
+    return calibrate(EXAMPLES / f"{name}.toml")
+
+
+def changed(folder: Path, name: str, *changes: tuple[str, str]) -> Path:
+    """Return a run file of the examples with some of its text replaced, beside its table."""
+    text = (EXAMPLES / f"{name}.toml").read_text(encoding="utf-8")
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    path = folder / f"{name}.toml"
+    path.write_text(text, encoding="utf-8")
+    for data in EXAMPLES.glob("*.csv"):
+        shutil.copy(data, folder)
+    return path
+
+
+def simulated(folder: Path, *changes: tuple[str, str], seed: int = 0) -> Outcome:
+    run = read(changed(folder, "arm_run", *changes))
+    write_recording(named_as_in(run, simulate(run, seed)), run.file(run.data.file))
+    return calibrate(run)
+
+
+def nees(outcome: Outcome) -> float:
+    calibration = outcome.calibration
+    run = dict.fromkeys(calibration.sensor.coefficients, 0.0)
+    run |= {
+        name: value for name, value in read(EXAMPLES / "arm_run.toml").truth.items() if name in run
+    }
+    error = calibration.values - np.array(list(run.values()))
+    return float(error @ np.linalg.solve(calibration.covariance, error)) / error.size
+
+
+def test_the_printed_table_does_not_pass_quietly(data_dir: Path):
+    outcome = table("printed", data_dir)
+    assert "residuals are larger" in outcome.verdict[0]
+    told = [finding.message for finding in outcome.findings if finding.what == "norm"]
+    assert len(told) == 23
+    for position, rpm, axis in LOST:
+        (line,) = (t for t in told if t.startswith(f"{position} at {rpm * 3.14159265:.0f}")
+                   or t.startswith(f"{position} at {rpm} rpm"))  # fmt: skip
+        assert f"sign of {axis}: " in line
+        assert line.endswith("repairs it")
+    assert all(line in outcome.verdict for line in told)
+
+
+def test_the_corrected_table_gives_the_source_s_truth(data_dir: Path):
+    outcome = table("corrected", data_dir)
+    assert outcome.estimate.consistent
+    device, nominal = Triad(), 1.25
+    for k, a in enumerate(("ax", "ay", "az")):
+        value = {n: outcome.calibration.value(f"{a}.{n}") for n in ("k0", "k1", "k2")}
+        scale = nominal * (1 + value["k1"])
+        assert scale == pytest.approx(device.scale[k], abs=1e-8)
+        assert value["k0"] * nominal / PAPER_G == pytest.approx(device.bias[k], abs=1.5e-7)
+        bend = value["k2"] / (1 + value["k1"]) * PAPER_G
+        assert bend == pytest.approx(device.bend[k], abs=2e-10)
+
+
+def test_a_laboratory_s_table_says_what_its_attitudes_bring():
+    outcome = calibrate(EXAMPLES / "lab.toml")
+    assert outcome.estimate.consistent
+    assert any(
+        line.startswith("known attitudes bring uncertainties to") for line in outcome.verdict
+    )
+    # made with 0.1 V/g times these
+    for a, scale in zip(("ax", "ay", "az"), (1.0021, 0.9987, 1.0008), strict=True):
+        error = outcome.calibration.value(f"{a}.k1") - (scale - 1)
+        assert abs(error) < 4 * outcome.calibration.uncertainty(f"{a}.k1")
+
+
+LEAN = 'lean = "5 ″"'
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        (),
+        ((LEAN, f'{LEAN}\nplatform = "counter-rotating"'),),
+        ((LEAN, f'{LEAN}\nsense = "clockwise"'),),
+        (
+            (LEAN, f'{LEAN}\nindexing = "0.05 °"'),
+            ('arm_rate = "rpm"', 'arm_rate = "rpm"\nattitude = ["psi", "theta"]'),
+        ),
+    ],
+    ids=["locked", "counter-rotating", "clockwise", "attitudes"],
+)
+def test_arm_runs_are_calibrated_to_their_truth(
+    tmp_path: Path, changes: tuple[tuple[str, str], ...]
+):
+    outcome = simulated(tmp_path, *changes)
+    assert outcome.estimate.consistent
+    # χ² of nine coefficients over nine: 0.01 % and 99.99 % points
+    assert 0.06 < nees(outcome) < 3.8
+
+
+def test_lever_arms_of_an_arm_run_are_found(tmp_path: Path):
+    arms = ("ax.arm_i", "ax.arm_o", "ay.arm_i", "az.arm_i", "az.arm_p")
+    also = f"also = {list(arms)}".replace("'", '"')
+    outcome = simulated(
+        tmp_path,
+        ("turns = 10", f"turns = 10\n{also}"),
+        (
+            '"az.k2" = "-30 µg/g²"',
+            '"az.k2" = "-30 µg/g²"\n"ax.arm_i" = "20 mm"\n"az.arm_p" = "-15 mm"',
+        ),
+        ('arm_rate = "rpm"', 'arm_rate = "rpm"\nattitude = ["psi", "theta"]'),
+        ('radius = "1 m ± 10 µm"', 'radius = "1 m"'),
+    )
+    assert outcome.estimate.consistent
+    for name, true in (("ax.arm_i", 0.02), ("az.arm_p", -0.015), ("ay.arm_i", 0.0)):
+        error = outcome.calibration.value(name) - true
+        assert abs(error) < 4 * outcome.calibration.uncertainty(name)
+        assert outcome.calibration.uncertainty(name) < 1e-4
+
+
+def test_a_static_calibration_is_a_prior(tmp_path: Path):
+    at_rest = simulated(tmp_path)
+    save(at_rest.calibration, tmp_path / "static.calibration.json")
+    twice = calibrate(
+        changed(
+            tmp_path,
+            "arm_run",
+            ("turns = 10", 'turns = 10\nprior_file = "static.calibration.json"'),
+        )
+    )
+    for name in ("ax.k0", "ay.k1"):
+        ratio = twice.calibration.uncertainty(name) / at_rest.calibration.uncertainty(name)
+        assert 0.65 < ratio < 0.8  # two equal measurements: 1/√2
+
+
+def test_one_rate_in_half_a_circle_is_refused_and_all_round_accepted(tmp_path: Path):
+    one = ('rates = ["60 rpm", "120 rpm", "180 rpm"]', 'rates = ["60 rpm"]')
+    half = ('attitudes = "full-circle"', 'attitudes = "half-circle"')
+    with pytest.raises(NotObserved, match=r"ay\.k0"):
+        simulated(tmp_path, one, half)
+    assert simulated(tmp_path, one).estimate.consistent
+
+
+def test_a_saturated_dwell_is_left_out_and_said(tmp_path: Path):
+    outcome = simulated(tmp_path, ('full_scale = "60 g"', 'full_scale = "36 g"'))
+    assert any(f.what == "dwell" and "is left out" in f.message for f in outcome.findings)
+    assert len(outcome.steps) < 60
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ([('arm_rate = "rpm"\n', "")], ["[data] arm_rate is missing"]),
+        ([('arm_rate = "rpm"', 'arm_rate = "speed"')], ["no column 'speed'", "rpm"]),
+        ([('attitude = ["psi", "theta"]\n', "")], ["[data] attitude is missing", "indexing"]),
+        ([('accelerometer = "1 µV"', 'accelerometer = "1 µA"')], ["[data.sd] accelerometer"]),
+        ([('radius = "1.5 m ± 20 µm"', 'radius = "-1.5 m"')], ["[bench] radius", "positive"]),
+        ([('radius = "1.5 m ± 20 µm"\n', "")], ["bench.radius is missing"]),
+        ([('sense = "clockwise"', 'sense = "left"')], ["bench.sense", "'clockwise'"]),
+        ([('sense = "clockwise"', 'turn = "1 °"')], ["unknown key bench.turn", "dwell_rate"]),
+        ([('kind = "centrifuge"', 'kind = "hand"')], ["unknown key bench.radius"]),
+        ([('name = "centrifuge_norm"', 'name = "six_position"')], ["[bench] kind", "'hand'"]),
+        ([("indexing", 'platform = "counter-rotating"\n#')], ["takes a recording"]),
+        ([('arm_rate = "rpm"', 'arm_rate = "rpm"\narm_rate_unit = "V"')], ["arm_rate_unit"]),
+        ([("[method]\n", '[method]\nalso = ["misalignment"]\n'), ("indexing", "#")],
+         ["no rotation of the triad about x", "nonorthogonality"]),
+        ([("[method]\n", '[method]\nestimator = "paper"\nalso = ["k3"]\n')], ["k0, k1 and k2"]),
+    ],
+)  # fmt: skip
+def test_a_mistake_is_one_line(tmp_path: Path, changes: list[tuple[str, str]], words: list[str]):
+    with pytest.raises(InputError) as error:
+        calibrate(changed(tmp_path, "lab", *changes))
+    message = str(error.value)
+    assert "\n" not in message
+    assert all(word in message for word in words), message
+
+
+@pytest.mark.parametrize(
+    ("row", "words"),
+    [
+        ("1,10,20,0,0.1,0.1,0.1", ["'rpm' is 0", "line"]),
+        ("1,10,20,nan,0.1,0.1,0.1", ["line"]),
+        ("1,10,20,40,nan,0.1,0.1", ["'ax' is not finite", "line"]),
+        ("1,10,20,40,0.1,0.1", ["line"]),
+    ],
+)
+def test_a_bad_row_is_named(tmp_path: Path, row: str, words: list[str]):
+    path = changed(tmp_path, "lab")
+    data = tmp_path / "lab.csv"
+    data.write_text(data.read_text(encoding="utf-8") + row + "\n", encoding="utf-8")
+    with pytest.raises(InputError) as error:
+        calibrate(path)
+    assert all(word in str(error.value) for word in words), str(error.value)
+
+
+def test_keys_of_a_centrifuge_are_refused_elsewhere(tmp_path: Path):
+    path = tmp_path / "run.toml"
+    text = (ROOT / "examples" / "six_position" / "run.toml").read_text(encoding="utf-8")
+    path.write_text(text.replace("[data]\n", '[data]\narm_rate = "rpm"\n'), encoding="utf-8")
+    with pytest.raises(InputError, match="arm_rate goes with"):
+        read(path)
+
+
+def test_the_report_of_an_arm_run_shows_bench_norms_and_dwells(tmp_path: Path):
+    outcome = simulated(tmp_path)
+    assert isinstance(outcome.bench, Centrifuge)
+    page = write_report(outcome, tmp_path / "report.html").read_text(encoding="utf-8")
+    for text in ("static radius", "latitude", "p01 at 60 rpm", "specific force in each row"):
+        assert text in page
