@@ -13,9 +13,8 @@ from inercal.benches import Hand
 from inercal.methods import METHODS
 
 Array = NDArray[np.float64]
-both = pytest.mark.parametrize(
-    "method", [name for name, m in METHODS.items() if m.bench is Hand and not m.free]
-)
+PLANNED = [name for name, m in METHODS.items() if m.bench is Hand and not m.free]
+both = pytest.mark.parametrize("method", PLANNED)
 
 
 @both

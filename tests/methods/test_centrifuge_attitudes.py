@@ -126,6 +126,26 @@ def test_three_hundred_times_arms_and_misalignments_scatter_as_stated(seed: int)
     assert_consistent(seed, 300)
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_crooked_mounting_is_in_the_uncertainty_of_the_arms(seed: int):
+    rng = np.random.default_rng([seed, 16])
+    bench = replace(BENCH, mounting=2e-3)
+    angles = printed_attitudes()
+    f, rates = felt(angles, RATES)
+    nees: list[float] = []
+    for _ in range(30):
+        device = replace(symmetric_with_arms(rng), axes=np.eye(3))
+        mount = turn(bench.mounting * rng.standard_normal(3))
+        output = device.output(f @ mount.T, ups(angles, RATES) @ mount.T, rates)
+        output = output + NOISE * rng.standard_normal(output.shape)
+        seen, made, spins = table(output, rates, *ARMS)
+        found = ml(seen, made, bench, in_attitudes(spins, attitudes(angles)))
+        error = found.value[:14] - exact(device, made)
+        nees.append(float(error @ np.linalg.solve(found.covariance[:14, :14], error)) / 14)
+    print(f"NEES {np.mean(nees):.3f}")
+    assert np.mean(nees) == pytest.approx(1, abs=4 * np.sqrt(2 / 14 / len(nees)))
+
+
 def test_arms_across_what_no_attitude_turns_are_named():
     output, rates = reading(TRUTH, printed_attitudes())
     seen, made, spins = table(output, rates, "arm")

@@ -66,6 +66,9 @@ def test_each_estimator_recovers_the_sensor(method: str, estimator: str):
     sensor = chosen.prepare(imu().only("f") if chosen.free else imu())
     p = len(sensor.coefficients)
     c = 0.02 * np.random.default_rng(5).normal(size=p) * sensor.natural
+    if chosen.bench is Centrifuge:
+        # At tens of g a quadratic term of this size would fold the reading.
+        c[[name.endswith("k2") for name in sensor.coefficients]] *= 1e-3
     made = perfect(sensor, c, method)
     found = chosen.estimator(estimator)(made, sensor, bench_of(method), chosen.plan())
     # At a pole the vertical part of earth's rate, 7e-5 rad/s, is all that classical leaves out.

@@ -172,17 +172,11 @@ class FeltNorm:
         ∂n by each of the bench's parameters that a norm depends on, dwell to dwell included.
     dwell : (..., r) array
         Standard deviation of n by what differs from dwell to dwell, m/s².
-    turned : (..., r) array
-        Rate of the arm against inertial space along `up`, rad/s.
-    turned_by : mapping of str to (..., r) array
-        Its derivatives.
     """
 
     norm: Array
     by: Mapping[str, Array]
     dwell: Array
-    turned: Array
-    turned_by: Mapping[str, Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,7 +260,7 @@ def felt_norm(bench: Centrifuge, steps: Sequence[Spin], q: Mapping[str, Array]) 
     by |= {name: by_a * slope for name, slope in arm.a_by.items()}
     by |= {name: by_tilt * slope for name, slope in arm.tilt_by.items()}
     dwell = np.hypot(by["dwell_rate"] * bench.dwell_rate, by["dwell_tilt"] * bench.dwell_tilt)
-    return FeltNorm(n, by, dwell, arm.turned, arm.turned_by)
+    return FeltNorm(n, by, dwell)
 
 
 @dataclass(frozen=True, eq=False)

@@ -69,7 +69,7 @@ class CentrifugeSection(_BenchSection):
     platform: Literal["locked", "counter-rotating"] = "locked"
     sense: Literal["counter-clockwise", "clockwise"] = "counter-clockwise"
     indexing: str | None = Field(None, description="of each attitude, where attitudes are known")
-    mounting: str = "1 °"
+    mounting: str = "0.1 °"
 
 
 BenchSection = Annotated[HandSection | CentrifugeSection, Field(discriminator="kind")]

@@ -2,7 +2,7 @@
 
 Norms compare ‖f̂‖, f̂ the inverse of the sensor's model at the reading, with what the arm makes.
 Turning the triad changes none of them: (h_i → R h_i) is a gauge. Lever arms act through the rate,
-whose direction in the body the attitudes give; of those an error of 1° does no harm there.
+whose direction in the body the attitudes give, and the mounting angles that turn them.
 
 Vectors compare each axis's reading with that of the force it felt in its attitude; the errors of
 the attitudes are nuisances with their stated deviations, so that attitudes known badly leave what
@@ -15,7 +15,13 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.centrifuge import Centrifuge, FeltNorm, directions, felt_norm, felt_vector
+from inercal.benches.centrifuge import (
+    Centrifuge,
+    FeltNorm,
+    FeltVector,
+    felt_norm,
+    felt_vector,
+)
 from inercal.errors import NotObserved
 from inercal.estimate import Gauge, Gaussian, Problem
 from inercal.motion import Motion
@@ -62,37 +68,35 @@ def by_norm(
     """
     require_gauge(sensor, priors)
     p = len(sensor.coefficients)
-    declared = bench.nuisances(steps, vectors=False)
-    loose, known = _split(declared)
     turning = sensor.uses("wi", "wp", "wo") and bench.platform == "locked"
-    up = directions(steps)[1] if turning else np.zeros((1, 3))
+    declared = bench.nuisances(steps, vectors=turning)
+    loose, known = _split(declared)
     shared = _shared(observations, bench, steps)
 
-    def felt(x: Array) -> FeltNorm:
-        return felt_norm(bench, steps, known | {n: x[..., p + k] for k, n in enumerate(loose)})
-
     @_kept
-    def compared(x: Array) -> tuple[FeltNorm, NoisyNorm]:
-        made, c = felt(x), x[..., :p]
-        w = made.turned[..., None] * up if turning else None
+    def compared(x: Array) -> tuple[FeltNorm, FeltVector | None, NoisyNorm]:
+        q = known | {n: x[..., p + k] for k, n in enumerate(loose)}
+        made = felt_norm(bench, steps, q)
+        turned = felt_vector(bench, steps, q) if turning else None
         y, covariance = observations.mean, observations.covariance
-        return made, noisy_norm(sensor, y, covariance, c, made.norm, w)
+        w = None if turned is None else turned.w
+        return made, turned, noisy_norm(sensor, y, covariance, x[..., :p], made.norm, w)
 
     def linearise(x: Array) -> tuple[Array, Array]:
-        made, seen = compared(x)
+        made, turned, seen = compared(x)
         if not loose:
             return seen.residual, seen.jacobian
         rows = np.broadcast_shapes(seen.residual.shape, made.norm.shape)
         jacobian = np.empty((*rows, p + len(loose)))
         jacobian[..., :p] = seen.jacobian
         for k, name in enumerate(loose):
-            jacobian[..., p + k] = -made.by[name]
-            if turning and name in made.turned_by:
-                jacobian[..., p + k] += (seen.by_rate * up).sum(-1) * made.turned_by[name]
+            jacobian[..., p + k] = -made.by[name] if name in made.by else 0.0
+            if turned is not None and name in turned.dw:
+                jacobian[..., p + k] += (seen.by_rate * turned.dw[name]).sum(-1)
         return seen.residual, jacobian
 
     def noise(x: Array) -> Array:
-        made, seen = compared(x)
+        made, _, seen = compared(x)
         if shared is None:
             return np.sqrt(seen.variance + made.dwell**2)
         full = seen.variance[..., None] * np.eye(len(steps))
@@ -103,7 +107,8 @@ def by_norm(
 
     start = _start(p, loose)
     # A norm of tens of g is rounded at a millionth of what it is known to.
-    rounding = float(np.max(felt(start).norm / np.sqrt(compared(start)[1].variance))) * _ROUNDING
+    made, _, seen = compared(start)
+    rounding = float(np.max(made.norm / np.sqrt(seen.variance))) * _ROUNDING
     return Problem(
         names=(*sensor.coefficients, *loose),
         start=start,
