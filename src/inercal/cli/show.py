@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -19,8 +19,8 @@ def working(what: str) -> Generator[None]:
         yield
 
 
-def as_json(content: Mapping[str, Any]) -> None:
-    """Print one object on standard output."""
+def as_json(content: Mapping[str, Any] | Sequence[Any]) -> None:
+    """Print one object or list on standard output."""
     json.dump(content, sys.stdout, indent=1, ensure_ascii=False)
     sys.stdout.write("\n")
 

@@ -1,0 +1,64 @@
+"""`inercal reproduce`: a source paper recomputed, each of its claims judged from the numbers."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+if TYPE_CHECKING:
+    from inercal.studies import Study
+
+NAME = "reproduce"
+_COLOURS = {"reproduced": "green", "not reproducible": "yellow", "false": "red"}
+
+
+def run(
+    name: str = typer.Argument(help="The study; centrifuge."),
+    out: Path | None = typer.Option(
+        None, "--out", "-o", help="Folder for the page; by default here, with --json none."
+    ),
+    trials: int = typer.Option(4000, help="Monte Carlo trials of closed formulas."),
+    seed: int = typer.Option(0, help="Seed of the noise."),
+    json: bool = typer.Option(False, "--json", help="Print one JSON list of the claims."),
+) -> None:
+    """Recompute a source paper, and say of each of its claims whether it holds."""
+    from rich.console import Console
+
+    from inercal.studies import as_list, reproduce, write_study
+
+    written: Path | None = None
+    with Console(stderr=True).status(f"reproducing {name}") as status:
+        study = reproduce(name, trials, seed, status.update)
+        if out is not None or not json:
+            status.update("writing the page")
+            written = write_study(study, out or Path())
+    if json:
+        from inercal.cli.show import as_json
+
+        as_json(as_list(study))
+        return
+    _print(study)
+    print(f"wrote {written}")
+
+
+def _print(study: "Study") -> None:
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    from inercal.studies.claim import shown
+
+    table = Table(title=study.title, caption=study.source, box=box.SIMPLE, pad_edge=False)
+    table.add_column("claim", ratio=1)
+    for heading in ("printed", "computed", "u"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("verdict", max_width=12)
+    for section in study.sections:
+        for finding in section.findings:
+            claim = finding.claim
+            u = shown(finding.uncertainty) if finding.uncertainty else "0"
+            title = claim.title + (f", {claim.unit}" if claim.unit else "")
+            verdict = f"[{_COLOURS[finding.verdict]}]{finding.verdict}[/]"
+            table.add_row(title, finding.in_print, finding.came_out, u, verdict)
+        table.add_section()
+    Console().print(table)

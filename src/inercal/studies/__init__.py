@@ -1,0 +1,96 @@
+"""Source papers, recomputed: their tables, figures and claims, each judged from the numbers.
+
+A study is a module with `run(trials, seed, say)`; adding one is adding its line to `STUDIES`.
+"""
+
+from collections.abc import Mapping
+from importlib import import_module
+from math import isfinite
+from pathlib import Path
+from typing import Any, cast
+
+from inercal.errors import InputError
+from inercal.io.atomic import atomic_write
+from inercal.studies.claim import Claim, Finding, judge
+from inercal.studies.section import Runner, Say, Study
+
+STUDIES: Mapping[str, str] = {"centrifuge": "inercal.studies.centrifuge"}
+"""The studies by name, and the modules that run them."""
+TRIALS = 4000
+_FEWEST = 20
+
+
+def _unsaid(_: str) -> None:
+    """Say nothing."""
+
+
+def reproduce(name: str, trials: int = TRIALS, seed: int = 0, say: Say = _unsaid) -> Study:
+    """Return a source paper recomputed.
+
+    Parameters
+    ----------
+    name : str
+        Of `STUDIES`.
+    trials : int
+        Of the Monte Carlo runs of closed formulas; slower estimators take a share of it.
+    seed : int
+    say : callable
+        Told in words what is being computed.
+
+    Raises
+    ------
+    InputError
+        No such study, or fewer than 20 trials.
+    """
+    if name not in STUDIES:
+        raise InputError(f"no study {name!r}; there are {', '.join(STUDIES)}")
+    if trials < _FEWEST:
+        raise InputError(f"{trials} trials are too few to judge by; take {_FEWEST} or more")
+    if seed < 0:
+        raise InputError(f"seed {seed}: take a whole number from 0")
+    return cast("Runner", import_module(STUDIES[name])).run(trials, seed, say)
+
+
+def as_list(study: Study) -> list[dict[str, Any]]:
+    """Return the findings as `inercal reproduce --json` prints them; null is not finite."""
+    return [
+        {
+            "claim": finding.claim.title,
+            "printed": finding.claim.printed,
+            "computed": finding.computed if isfinite(finding.computed) else None,
+            "uncertainty": finding.uncertainty if isfinite(finding.uncertainty) else None,
+            "verdict": finding.verdict,
+        }
+        for finding in study.findings
+    ]
+
+
+def write_study(study: Study, folder: str | Path) -> Path:
+    """Write the study as one HTML page, NAME.study.html, whole or not at all; return its path.
+
+    Raises
+    ------
+    InputError
+        matplotlib or jinja2 is missing, or the file cannot be written.
+    """
+    try:
+        from inercal.studies.page import page
+    except ImportError as error:
+        # A broken module of this package is no missing extra.
+        if (error.name or "").partition(".")[0] not in ("matplotlib", "jinja2", "markupsafe"):
+            raise
+        raise InputError(
+            "the page of a study needs matplotlib and jinja2: pip install 'inercal[report]'"
+        ) from error
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be made: {error.strerror}") from None
+    path = folder / f"{study.name}.study.html"
+    with atomic_write(path) as temporary:
+        temporary.write_text(page(study), encoding="utf-8")
+    return path
+
+
+__all__ = ["STUDIES", "Claim", "Finding", "Study", "as_list", "judge", "reproduce", "write_study"]

@@ -1,0 +1,122 @@
+"""How well each estimator uses the data, what a plan determines, and a better plan."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.methods.centrifuge_norm import closed
+from inercal.methods.centrifuge_norm.plans import RATES
+from inercal.plan import Spin
+from inercal.studies.centrifuge.experiment import (
+    AXES,
+    BENCH,
+    QUANTITIES,
+    TRUTH,
+    by_ml,
+    outputs,
+    stated,
+    steps,
+)
+from inercal.studies.centrifuge.trials import ESTIMATORS, Trials
+from inercal.studies.claim import Claim, judge, shown
+from inercal.studies.section import Chart, Line, Panel, Section, Table
+
+Array = NDArray[np.float64]
+TERMS = 13
+_SINGULAR = 1e-10
+
+ENOUGH = Claim("N ≥ 4n + 2 = 54 positions determine 13 terms: rank at N = 60",
+               "before (15)", float(TERMS), "", "≥")  # fmt: skip
+NEEDED = Claim("at least 54 positions are needed for 13 terms", "before (15)", 54.0, "", "≥")
+
+
+def rank(spins: tuple[Spin, ...]) -> tuple[int, float]:
+    """Return the rank of the thirteen columns of (15), and their scaled condition number."""
+    rows = closed.design(outputs(TRUTH, spins))
+    singular = np.linalg.svd(rows / np.linalg.norm(rows, axis=0))[1]
+    return int(np.sum(singular > _SINGULAR * singular[0])), float(singular[0] / singular[-1])
+
+
+def known_attitudes() -> Array:
+    """Return the Cramér–Rao bound of S, b, D, (3, 3), where the attitudes are known exactly."""
+    spins = steps()
+    return stated(by_ml(outputs(TRUTH, spins), spins, replace(BENCH, indexing=0.0)))
+
+
+def full_circle() -> Array:
+    """Return the bound of S, b, D, (3, 3), of as many dwells all round the circle."""
+    spins = steps("full-circle")
+    return stated(by_ml(outputs(TRUTH, spins), spins))
+
+
+def section(trials: Trials) -> Section:
+    """Return the section of efficiency and of the counting rule."""
+    known, round_ = known_attitudes(), full_circle()
+    once = steps(rates=RATES[:1]) * 3
+    twice, thrice = steps(rates=RATES[:2]), steps()
+    ranks = {
+        "half circle, one rate, each dwell three times": (once, *rank(once)),
+        "half circle, two rates": (twice, *rank(twice)),
+        "half circle, three rates, as printed": (thrice, *rank(thrice)),
+        "full circle, three rates": (steps("full-circle"), *rank(steps("full-circle"))),
+    }
+    _, of_once, _ = ranks["half circle, one rate, each dwell three times"]
+    _, of_twice, _ = ranks["half circle, two rates"]
+    sets = {
+        **{f"{name}, scatter": trials.std(name) for name in ESTIMATORS},
+        "bound: norms": trials.bound,
+        "bound: attitudes known": known,
+        "bound: full circle, norms": round_,
+    }
+    ratio = trials.std("ml") / trials.bound
+    fewest = len(twice) if of_twice == TERMS else len(thrice)
+    findings = (
+        judge(ENOUGH, of_once, 0.0,
+              f"{len(once)} dwells at one rate have rank {of_once} of {TERMS}"),
+        judge(NEEDED, fewest, 0.0,
+              f"{len(twice)} dwells at two rates have rank {of_twice} of {TERMS}: the rates and "
+              "the attitudes decide, and the condition number says how well"),
+    )  # fmt: skip
+    heads = [f"{q}_a{axis}" for q in QUANTITIES for axis in AXES]
+    best = trials.bound / round_
+    chi2, n = trials.chi2, len(trials.chi2)
+    return Section(
+        "efficiency",
+        "Efficiency, the counting rule, and a better plan",
+        (
+            "Scatter over trials with 1e-5 V of noise against the Cramér–Rao bound, the least that "
+            f"any unbiased estimator can have. ml lies at {ratio.min():.2f} to {ratio.max():.2f} "
+            f"of it over {n} trials (within {2 / np.sqrt(2 * n):.2f} of 1 is expected), mean χ² "
+            f"{chi2.mean():.1f} at {trials.dof} degrees of freedom. The paper's D is "
+            f"{shown(float((trials.std('paper') / trials.bound)[2].min()))} to "
+            f"{shown(float((trials.std('paper') / trials.bound)[2].max()))} times worse.",
+            "In the printed positions ψ covers half a circle: f_y is never positive, N_y has few "
+            "levels, and its powers are hardly told apart. As many dwells all round (ψ = 10° "
+            "+ 72°·i, θ = 20°, 110°, 200°, 290°) know S_ay "
+            f"{best[0, 1]:.1f} and D_ay {best[2, 1]:.1f} times better.",
+        ),
+        findings,
+        (
+            Table("Standard deviations of S (V/g), b (g) and D (1/g)", "", heads,
+                  [(name, [shown(x, 3) for x in value.ravel()]) for name, value in sets.items()]),
+            Table("What the plans determine of the 13 terms of (13)", "plan",
+                  ("dwells", "rank", "scaled\ncondition number"),
+                  [(name, [str(len(spins)), str(r), shown(c, 3) if r == TERMS else "singular"])
+                   for name, (spins, r, c) in ranks.items()]),
+        ),
+        (
+            Chart(
+                "efficiency",
+                "Standard deviations over the Cramér–Rao bound of the printed design, by norms "
+                "alone; 1 is the best that its data allow.",
+                [
+                    Panel("", "", "σ / bound",
+                          [Line(name.removesuffix(", scatter").removeprefix("bound: "),
+                                np.arange(9.0), (value / trials.bound).ravel(), joined=False)
+                           for name, value in sets.items() if name != "bound: norms"],
+                          names=heads),
+                ],
+            ),
+        ),
+    )  # fmt: skip
