@@ -13,7 +13,7 @@ from tests.runfile.texts import SIX_POSITIONS, run_file
 from inercal.cli.app import main
 
 HEAVY = ("numpy", "scipy", "numba", "pint", "matplotlib")
-VERBS = ("demo", "calibrate", "simulate", "apply", "report")
+VERBS = ("demo", "calibrate", "simulate", "apply", "report", "reproduce")
 
 
 def inercal(*arguments: str | Path) -> subprocess.CompletedProcess[str]:

@@ -103,8 +103,8 @@ class Finding:
         """The verdict's sentence, with the computed figures."""
         unit = f" {self.claim.unit}" if self.claim.unit else ""
         if not isfinite(self.computed):
-            return f"Nothing comes out for {self.in_print}{unit} in print: {self.because}."
-        text = f"Computed {self.came_out}{unit} for {self.in_print}{unit} in print"
+            return f"In print {self.in_print}{unit}; nothing comes out: {self.because}."
+        text = f"In print {self.in_print}{unit}, computed {self.came_out}{unit}"
         if self.off == 0 and self.claim.relation != "=":
             text += ", as claimed"
         elif self.uncertainty > 0:
@@ -152,6 +152,7 @@ def judge(claim: Claim, computed: float, uncertainty: float, because: str) -> Fi
     return Finding(claim, float(computed), hypot(uncertainty, claim.rounding), because)
 
 
+_SHORT, _LONG, _LONGEST = 1e-2, 1e4, 9  # numbers between are written without a power of ten
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -160,17 +161,19 @@ def shown(x: float, digits: int = 2) -> str:
 
     Examples
     --------
-    >>> shown(-3.14159e-7), shown(21.0), shown(12345.6)
-    ('−3.1·10⁻⁷', '21', '1.2·10⁴')
+    >>> shown(-3.14159e-7), shown(21.0), shown(1234.5), shown(22634.0), shown(1e-8)
+    ('−3.1·10⁻⁷', '21', '1200', '2.3·10⁴', '10⁻⁸')
     """
     if not isfinite(x):
         return "none" if x != inf else "infinitely many"
-    text = f"{x:.{digits}g}"
-    mantissa, _, power = text.partition("e")
-    # Python writes 12345 by two digits as 1.2e+04, which is what is wanted; small ones from 1e-5.
-    if not power and 0 < abs(x) < 1e-2:
+    mantissa, _, power = f"{x:.{digits}g}".partition("e")
+    if 1 <= abs(x) < _LONG:
+        mantissa, power = f"{float(f'{x:.{digits}g}'):.{_LONGEST}g}", ""
+    elif not power and 0 < abs(x) < _SHORT:
         mantissa, _, power = f"{x:.{digits - 1}e}".partition("e")
     if "." in mantissa and power:
         mantissa = mantissa.rstrip("0").rstrip(".")
-    shape = mantissa + (f"·10{str(int(power)).translate(_RAISED)}" if power else "")
-    return shape.replace("-", "−")
+    if power:
+        tens = f"10{str(int(power)).translate(_RAISED)}"
+        mantissa = {"1": tens, "-1": f"-{tens}"}.get(mantissa, f"{mantissa}·{tens}")
+    return mantissa.replace("-", "−")

@@ -48,7 +48,7 @@ def run(trials: int, seed: int, say: Say) -> Study:
         "of it, formulas, numbers and claims, is recomputed here and judged from the numbers.",
         (
             ("Experiment", "R = 1 m, g = 9.8 m/s²\nω = 2π, 4π, 6π rad/s\n4.0, 16.1, 36.3 g"),
-            ("Noise", "1e-5 V in each reading"),
+            ("Noise", "10⁻⁵ V in each reading"),
             (
                 "Monte Carlo",
                 f"{trials} trials of closed formulas\n{len(repeated.error['ml'])} of ml, "

@@ -35,7 +35,7 @@ PRINTED = np.array([  # |ΔS|, |Δb|, |ΔD| of x, y, z
     [8.117e-11, 2.289e-13, 1.863e-13],
 ])  # fmt: skip
 SMALL = tuple(
-    Claim(f"a lever arm of 2 cm changes {q} by less than 1e-8, to be neglected",
+    Claim(f"a lever arm of 2 cm changes {q} by less than 10⁻⁸, to be neglected",
           "Abstract, Table 3", 1e-8, UNITS[q], "≤", last_digit=1e-8)
     for q in QUANTITIES
 )  # fmt: skip
@@ -110,7 +110,7 @@ def _with_errors(relative: Array) -> Array:
 
 
 def common() -> Array:
-    """Return the errors by `ml`, (3, 3), of an acceleration 1e-5 larger than taken, in all rows."""
+    """Return the errors by `ml`, (3, 3), of an acceleration 10⁻⁵ larger than taken, in all rows."""
     output = _with_errors(np.full(len(steps()), RELATIVE))
     return as_printed(by_ml(output, steps()).value) - TRUTH.values
 
@@ -156,9 +156,11 @@ def section(clean: Array, bound: Array, trials: int, seed: int) -> Section:
         "lever arms of B and C ignored: paper": lever.paper,
         "lever arms of B and C ignored: ml": lever.ml,
         f"earth's rate at 39° ignored: ml ({shown(experiment.earth_share())} of ω₁)": turning,
-        "acceleration 1e-5 larger than taken: ml": shared,
-        "S·1e-5, D·1e-5 for comparison": RELATIVE * TRUTH.values * np.array([[1.0], [0.0], [1.0]]),
-        "acceleration off by 1e-5 at random in each row: ml, scatter": own,
+        "acceleration 10⁻⁵ larger than taken: ml": shared,
+        "10⁻⁵ S and 10⁻⁵ D for comparison": RELATIVE
+        * TRUTH.values
+        * np.array([[1.0], [0.0], [1.0]]),
+        "acceleration off by 10⁻⁵ at random in each row: ml, scatter": own,
         "the same over the bound by noise alone": own / bound,
     }
     return Section(
@@ -170,9 +172,9 @@ def section(clean: Array, bound: Array, trials: int, seed: int) -> Section:
             f"its arms lie; the least error over {lever.arrangements} arrangements of one arm is "
             "given with each finding.",
             "With the attitudes known nominally, five components of the arms can be estimated, to "
-            f"{shown(lever.std.min() * 1e6)} to {shown(lever.std.max() * 1e6)} µm at 1e-5 V; S, b "
+            f"{shown(lever.std.min() * 1e6)} to {shown(lever.std.max() * 1e6)} µm at 10⁻⁵ V; S, b "
             f"and D are then right to {shown(lever.left)}.",
-            "Where a centripetal acceleration known to 1e-5 errs from row "
+            "Where a centripetal acceleration known to 10⁻⁵ errs from row "
             f"to row it costs {shown((own / bound).min())} to {shown((own / bound).max())} times "
             "what the noise does.",
         ),

@@ -85,7 +85,7 @@ def section(trials: Trials) -> Section:
         "efficiency",
         "Efficiency, the counting rule, and a better plan",
         (
-            "Scatter over trials with 1e-5 V of noise against the Cramér–Rao bound, the least that "
+            "Scatter over trials with 10⁻⁵ V of noise against the Cramér–Rao bound, the least that "
             f"any unbiased estimator can have. ml lies at {ratio.min():.2f} to {ratio.max():.2f} "
             f"of it over {n} trials (within {2 / np.sqrt(2 * n):.2f} of 1 is expected), mean χ² "
             f"{chi2.mean():.1f} at {trials.dof} degrees of freedom. The paper's D is "

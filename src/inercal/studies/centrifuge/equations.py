@@ -82,7 +82,7 @@ def misaligned() -> Tried:
     at = np.unravel_index(np.abs(one - f).argmax(), f.shape)
     axes = " and ".join("xyz"[k] for k in range(3) if np.abs((one - other)[:, k]).max() > 1e-9)
     return Tried(
-        "(9)", f"the force along {'xyz'[at[1]]}, misaligned by up to 1e-3 rad", "g",
+        "(9)", f"the force along {'xyz'[at[1]]}, misaligned by up to 10⁻³ rad", "g",
         float(one[at]), float(other[at]), float(f[at]),
         f"Δ of {axes} is wrong in print, by up to {shown(np.abs(one - f).max())} g; the mended "
         f"form errs by {shown(np.abs(other - f).max())} g, of the second order in γ",
@@ -145,7 +145,7 @@ def sign(trials: Trials) -> Tried:
         "(21)", "D_ax of a triad that bends the other way", "1/g", float(printed[0]),
         float(mended[0]), float(bent.bend[0]),
         f"sign D = −sign C₃; and C₄ is negative, or (18) without root, in "
-        f"{trials.rootless:.1%} of trials with 1e-5 V of noise",
+        f"{trials.rootless:.1%} of trials with 10⁻⁵ V of noise",
     )  # fmt: skip
 
 

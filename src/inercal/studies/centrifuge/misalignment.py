@@ -35,7 +35,7 @@ ANGLES = np.array([2e-4, 4e-4, 6e-4, 8e-4, 10e-4])
 NAMES = {"S": "scale factor", "b": "bias", "D": "D"}
 UNITS = {"S": "V/g", "b": "g", "D": "1/g"}
 SMALL = tuple(
-    Claim(f"misalignments of 2e-4 to 1e-3 rad change {NAMES[q]} by less than 1e-8, to be neglected",
+    Claim(f"misalignments to 10⁻³ rad change {NAMES[q]} by less than 10⁻⁸, to be neglected",
           "Abstract, Fig. 4", 1e-8, UNITS[q], "≤", last_digit=1e-8)
     for q in "SbD"
 )  # fmt: skip
@@ -159,7 +159,7 @@ def section(clean: Array) -> Section:
             f"(16) to (22) err by {shown(paper[:, k].min())} to {shown(paper[:, k].max())} "
             f"{UNITS[q]} over the range, ml with nine parameters by {shown(exact[:, k].min())} to "
             f"{shown(exact[:, k].max())}; of {patterns} patterns of leaning axes the kindest makes "
-            f"{shown(at_least[k])} at 2e-4 rad",
+            f"{shown(at_least[k])} at 2·10⁻⁴ rad",
         )
         for k, (q, claim) in enumerate(zip("SbD", SMALL, strict=True))
     ]  # fmt: skip
@@ -168,7 +168,7 @@ def section(clean: Array) -> Section:
     ordering = [
         judge(claim, ratio[:, k].mean(), np.ptp(ratio[:, k]) / 2,
               f"it lies between {shown(ratio[:, k].min())} and {shown(ratio[:, k].max())} over the "
-              f"range; relative to the coefficients at 2e-4 rad: S {shown(relative[0, 0])}, "
+              f"range; relative to the coefficients at 2·10⁻⁴ rad: S {shown(relative[0, 0])}, "
               f"b {shown(relative[0, 1])}, D {shown(relative[0, 2])}")
         for k, claim in enumerate((FIRST, SECOND))
     ]  # fmt: skip
@@ -223,8 +223,7 @@ def _chart(found: Ignored) -> Chart:
         "Largest errors of S, b and D when a non-orthogonality of γ is ignored, by estimator, and "
         "the bound that the source claims. The printed figure is not readable to digits.",
         [
-            Panel(f"{NAMES[q]}, {UNITS[q]}", "γ, 10⁻⁴ rad", "largest error" if k == 0 else "",
-                  lines(k))
+            Panel("", "γ, 10⁻⁴ rad", f"largest |Δ{q}|, {UNITS[q]}", lines(k))
             for k, q in enumerate("SbD")
         ],
     )  # fmt: skip

@@ -6,6 +6,8 @@ from importlib.resources import files
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.estimate import Cauchy, least_squares
+from inercal.methods.centrifuge_norm.problems import by_norm
 from inercal.methods.centrifuge_norm.screening import Suspect, screen
 from inercal.studies.centrifuge import experiment
 from inercal.studies.centrifuge.experiment import BENCH, TRUTH, outputs, steps
@@ -14,13 +16,14 @@ from inercal.studies.section import Section, Table
 
 Array = NDArray[np.float64]
 _PLACE = 1e-6  # V, one unit in the last printed place
+_THRESHOLD, _SUSPECT = 2.385, 6.0  # deviations; 2.385: 95 % efficient for normal noise
 _SLIP = _PLACE  # the last digit may be cut or rounded
 
 SIGNS = Claim("all 180 entries are those of the design", "Table 1", 180.0, "entries")
 REPAIRED = Claim(
     "180 entries of the design, once the screening's repairs are made", "Table 1", 180.0, "entries"
 )
-NOISE = Claim("measured with noise of 1e-5 V", "Section 5, Table 1", 1e-5, "V")
+NOISE = Claim("measured with noise of 10⁻⁵ V", "Section 5, Table 1", 1e-5, "V")
 POSITIVE = Claim(
     "the input force is positive, which chooses the root", "(10)", 0.0, "g", relation="≥"
 )
@@ -51,6 +54,19 @@ def repair(printed: Array) -> Printed:
             for axis, value in suspect.repairs[0].after.items():
                 repaired[suspect.row, made.channels.index(axis)] = value
     return Printed(printed, repaired, suspects)
+
+
+def one_shot(found: Printed) -> int:
+    """Return how many sound rows a robust fit of fixed threshold holds for wrong.
+
+    It begins where the nominal sensor is and stays where the wrong rows bend it; screening lets the
+    threshold fall step by step instead.
+    """
+    made, spins = experiment.sensor(), steps()
+    asked = by_norm(experiment.observations(found.printed, made), made, BENCH, spins)
+    fit = least_squares(asked, Cauchy(_THRESHOLD))
+    sound = (found.printed == found.repaired).all(axis=1)
+    return int(np.sum((np.abs(fit.whitened) > _SUSPECT) & sound))
 
 
 def section() -> Section:
@@ -90,7 +106,9 @@ def section() -> Section:
             "ψ = 45°·i and θ = 60°·j, "
             "f = (−A cos ψ cos θ + sin θ, −A sin ψ, −A cos ψ sin θ − cos θ), "
             "A = ω²R/g. Rows that violate the norm are found by a robust fit that is told nothing "
-            "of the truth or of the attitudes, and each is tried with one change at a time.",
+            "of the truth or of the attitudes, and each is tried with one change at a time. The "
+            "fit's threshold has to fall by steps: a robust fit in one go holds "
+            f"{one_shot(found)} sound rows for wrong.",
         ),
         findings,
         (_table(found, design, lost),),

@@ -53,7 +53,7 @@ def claim(entry: Entry) -> Claim:
         )  # fmt: skip
     accuracy = abs(entry.value / TRUTH.values[entry.place] - 1)
     return Claim(
-        f"{entry.name} right to {accuracy:.1e} of itself", "Table 2, (21)", accuracy,
+        f"{entry.name} right to {shown(accuracy)} of itself", "Table 2, (21)", accuracy,
         relation="≤", kind="result",
     )  # fmt: skip
 
@@ -67,13 +67,13 @@ def finding(entry: Entry, trials: Trials) -> Finding:
     if entry.quantity == "D":
         return judge(
             made, noise / true, error / true,
-            f"by (21) noise of 1e-5 V scatters it by {shown(noise)} 1/g, "
+            f"by (21) noise of 10⁻⁵ V scatters it by {shown(noise)} 1/g, "
             f"{shown(abs(noise / missed), 3)} times the printed error, and "
             f"{trials.rootless:.1%} of trials have no root; without noise (21) gives "
             f"{shown(true + clean, 7)} 1/g",
         )  # fmt: skip
     text = (
-        f"noise of 1e-5 V scatters it by {shown(noise)}, the printed estimate is "
+        f"noise of 10⁻⁵ V scatters it by {shown(noise)}, the printed estimate is "
         f"{shown(missed)} from the truth"
     )
     return judge(made, true + clean, noise, text)
@@ -104,7 +104,7 @@ def section(trials: Trials) -> Section:
         (
             "The same nine coefficients by (16) to (22), mended (paper), by the exact inversion "
             "of the first three powers (series) and by maximum likelihood (ml): first without "
-            f"noise, then with 1e-5 V in {n} trials ({count} of ml).",
+            f"noise, then with 10⁻⁵ V in {n} trials ({count} of ml).",
             f"The fourth powers hold D as D²: {trials.rootless:.1%} of the trials have a negative "
             "C4 or no root of (18) on some axis, and the others scatter D by per cents. For the "
             f"printed errors of D to be typical the noise would have to be {shown(min(needed), 2)} "

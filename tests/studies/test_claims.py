@@ -1,0 +1,76 @@
+"""The verdict follows from the numbers, and from nothing else."""
+
+from dataclasses import fields
+from math import inf, nan, sqrt
+
+import pytest
+
+from inercal.studies.claim import LIMIT, Claim, Finding, Relation, Verdict, distance, judge, shown
+
+
+def verdict(printed: float, computed: float, u: float, relation: Relation = "=") -> Verdict:
+    return judge(Claim("it", "here", printed, relation=relation), computed, u, "why").verdict
+
+
+def test_the_limit_is_two_standard_uncertainties():
+    assert LIMIT == 2.0
+    assert verdict(1.0, 3.0, 1.0) == "reproduced"
+    assert verdict(1.0, 3.0 + 1e-12, 1.0) == "false"
+    assert verdict(1.0, -1.0, 1.0) == "reproduced"
+    assert verdict(1.0, -1.0 - 1e-12, 1.0) == "false"
+
+
+@pytest.mark.parametrize(("relation", "side"), [("≤", 1), ("≥", -1)])
+def test_a_bound_is_judged_on_its_wrong_side_alone(relation: Relation, side: int):
+    assert verdict(1.0, 1.0 - 1e9 * side, 1.0, relation) == "reproduced"
+    assert verdict(1.0, 1.0 + 2.0 * side, 1.0, relation) == "reproduced"
+    assert verdict(1.0, 1.0 + 2.001 * side, 1.0, relation) == "false"
+
+
+def test_what_is_exact_must_be_equal():
+    assert verdict(180.0, 180.0, 0.0) == "reproduced"
+    assert verdict(180.0, 179.0, 0.0) == "false"
+    assert distance(180.0, 179.0, 0.0, "=") == inf
+    assert verdict(13.0, 13.0, 0.0, "≥") == "reproduced"
+    assert verdict(13.0, 12.0, 0.0, "≥") == "false"
+
+
+@pytest.mark.parametrize("nothing", [nan, inf, -inf])
+@pytest.mark.parametrize("relation", ["=", "≤", "≥"])
+def test_what_does_not_come_out_is_not_reproduced(nothing: float, relation: Relation):
+    assert verdict(1.0, nothing, 1.0, relation) == "false"
+
+
+def test_a_failed_result_is_not_reproducible_and_a_failed_statement_false():
+    result = Claim("it", "Table 9", 1.0, kind="result")
+    assert judge(result, 2.0, 0.1, "why").verdict == "not reproducible"
+    assert judge(result, 1.1, 0.1, "why").verdict == "reproduced"
+    assert verdict(1.0, 2.0, 0.1) == "false"
+
+
+def test_rounding_of_the_printed_digits_counts():
+    claim = Claim("it", "here", 1.28999, last_digit=1e-5)
+    assert claim.rounding == pytest.approx(0.5e-5 / sqrt(3))
+    assert judge(claim, 1.28999 + 0.5e-5, 0.0, "why").verdict == "reproduced"
+    assert judge(claim, 1.28999 + 0.6e-5, 0.0, "why").verdict == "false"
+    both = judge(claim, 1.29, 3 * claim.rounding, "why")
+    assert both.uncertainty == pytest.approx(claim.rounding * sqrt(10))
+
+
+def test_no_verdict_can_be_typed_in():
+    assert {f.name for f in fields(Finding)} == {"claim", "computed", "uncertainty", "because"}
+    assert "verdict" not in {f.name for f in fields(Claim)}
+    assert isinstance(Finding.verdict, property)
+
+
+def test_the_sentence_carries_both_numbers_and_the_distance():
+    finding = judge(Claim("it", "here", 1e-4, "g", "≤", last_digit=1e-4), 3.1e-4, 0.0, "reasons")
+    assert finding.why == "In print ≤ 10⁻⁴ g, computed 3.1·10⁻⁴ g, 7.3 u apart: reasons."
+    assert judge(Claim("it", "here", 1.0, "g"), nan, 0.1, "reasons").why.startswith("In print 1 g;")
+
+
+def test_numbers_are_written_as_people_read_them():
+    assert [shown(x) for x in (0.0, 0.5, -20.0, 130.0, 22634.0, 5.8e-3, -1e-5, inf, nan)] == [
+        "0", "0.5", "−20", "130", "2.3·10⁴", "5.8·10⁻³", "−10⁻⁵", "infinitely many", "none",
+    ]  # fmt: skip
+    assert shown(5.700684e-5, 7) == "5.700684·10⁻⁵"

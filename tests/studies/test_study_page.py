@@ -1,0 +1,182 @@
+"""Names, the page, and the command line of studies."""
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from inercal.cli.app import main
+from inercal.errors import InputError
+from inercal.studies import STUDIES, Study, as_list, reproduce, write_study
+
+KEYS = ["claim", "printed", "computed", "uncertainty", "verdict"]
+VERDICTS = {"reproduced", "not reproducible", "false"}
+
+
+def test_an_unknown_study_is_refused_with_those_there_are():
+    with pytest.raises(InputError, match=r"no study 'ferris wheel'; there are centrifuge"):
+        reproduce("ferris wheel")
+
+
+@pytest.mark.parametrize(("trials", "seed", "words"), [(19, 0, "too few"), (20, -1, "seed -1")])
+def test_senseless_numbers_are_refused(trials: int, seed: int, words: str):
+    with pytest.raises(InputError, match=words):
+        reproduce("centrifuge", trials, seed)
+
+
+def test_progress_is_told(monkeypatch: pytest.MonkeyPatch):
+    class Stub:
+        @staticmethod
+        def run(trials: int, seed: int, say: Callable[[str], object]) -> tuple[int, int]:
+            say("half of it")
+            return trials, seed
+
+    monkeypatch.setattr("inercal.studies.import_module", lambda name: (Stub, name)[0])
+    said: list[str] = []
+    assert reproduce("centrifuge", 30, 7, said.append) == (30, 7)
+    assert said == ["half of it"]
+    assert set(STUDIES) >= {"centrifuge"}
+
+
+def test_every_finding_has_its_sentence_and_its_own_name(study: Study):
+    titles = [finding.claim.title for finding in study.findings]
+    assert len(set(titles)) == len(titles)
+    for finding in study.findings:
+        assert finding.came_out in finding.why
+        assert finding.in_print in finding.why
+        assert finding.because in finding.why
+
+
+def test_the_list_has_the_documented_keys_and_plain_numbers(study: Study):
+    content = json.loads(json.dumps(as_list(study), allow_nan=False))
+    assert len(content) == len(study.findings)
+    for entry in content:
+        assert list(entry) == KEYS
+        assert isinstance(entry["claim"], str)
+        assert entry["verdict"] in VERDICTS
+        assert isinstance(entry["printed"], float)
+        assert entry["computed"] is None or isinstance(entry["computed"], float)
+        assert isinstance(entry["uncertainty"], float)
+
+
+@pytest.fixture(scope="session")
+def html(study: Study, tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = write_study(study, tmp_path_factory.mktemp("page") / "new folder")
+    assert path.name == "centrifuge.study.html"
+    assert [p.name for p in path.parent.iterdir()] == [path.name]
+    return path.read_text(encoding="utf-8")
+
+
+def test_the_page_has_every_section_table_chart_and_finding(study: Study, html: str):
+    for section in study.sections:
+        assert f'<section id="{section.name}">' in html
+        for table in section.tables:
+            assert f"<caption>{table.title}</caption>" in html.replace("&#39;", "'")
+        for chart in section.charts:
+            assert f'id="{chart.name}-' in html
+    assert html.count("<svg ") == sum(len(s.charts) for s in study.sections) == 3
+    assert html.count('class="tag ') == 2 * len(study.findings)
+    for name in ("Table 1", "Table 2", "Table 3", "Fig. 4"):
+        assert name in html
+
+
+def test_the_page_shows_all_of_table_1_with_the_lost_signs_marked(html: str):
+    body = html.split("All 180 entries, V", 1)[1].split("</table>")[0]
+    assert body.count("<tr>") == 61
+    assert body.count('class="far"') == 23
+    assert "sign of z: 0.743943 → −0.743943" in body
+
+
+def test_the_page_needs_nothing_but_itself_and_follows_the_readers_colours(html: str):
+    assert not re.search(r'(src|href)="(?!#)', html)
+    assert "default-src 'none'" in html
+    assert not re.search(r"#010a0[0-9a-f]", html)
+    assert "prefers-color-scheme: dark" in html
+
+
+def test_a_page_that_cannot_be_written_leaves_nothing(study: Study, tmp_path: Path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot be made"):
+        write_study(study, tmp_path / "file")
+    (tmp_path / "centrifuge.study.html").mkdir()
+    with pytest.raises(InputError, match="is a folder"):
+        write_study(study, tmp_path)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["centrifuge.study.html", "file"]
+
+
+Said = Callable[..., tuple[str, str]]
+
+
+@pytest.fixture
+def said(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Said:
+    """Run the verb within this process; return standard output and standard error."""
+
+    def run(*arguments: str | Path) -> tuple[str, str]:
+        monkeypatch.setattr("sys.argv", ["inercal", "reproduce", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stop:
+            main()
+        out, err = capsys.readouterr()
+        assert stop.value.code in (0, None), err
+        return out, err
+
+    return run
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch, study: Study) -> list[tuple[str, int, int]]:
+    """Have the verb find the study ready; hold what it asked for."""
+    found: list[tuple[str, int, int]] = []
+
+    def at_once(name: str, trials: int, seed: int, say: Callable[[str], object]) -> Study:
+        say("at once")
+        found.append((name, trials, seed))
+        return study
+
+    monkeypatch.setattr("inercal.studies.reproduce", at_once)
+    return found
+
+
+def test_json_is_a_list_and_nothing_is_written(
+    said: Said,
+    tmp_path: Path,
+    study: Study,
+    monkeypatch: pytest.MonkeyPatch,
+    asked: list[tuple[str, int, int]],
+):
+    monkeypatch.chdir(tmp_path)
+    out, _ = said("centrifuge", "--json", "--trials", "20", "--seed", "3")
+    assert json.loads(out) == as_list(study)
+    assert list(tmp_path.iterdir()) == []
+    assert asked == [("centrifuge", 20, 3)]
+
+
+@pytest.mark.usefixtures("asked")
+def test_json_with_a_folder_writes_the_page_too(said: Said, tmp_path: Path, study: Study):
+    out, _ = said("centrifuge", "--json", "--out", tmp_path)
+    assert json.loads(out) == as_list(study)
+    assert (tmp_path / "centrifuge.study.html").is_file()
+
+
+@pytest.mark.usefixtures("asked")
+def test_the_terminal_shows_every_claim_with_its_verdict(said: Said, tmp_path: Path, study: Study):
+    out, _ = said("centrifuge", "--out", tmp_path)
+    assert f"wrote {tmp_path / 'centrifuge.study.html'}" in out.replace("\n", "")
+    words = out.split()
+    assert words.count("false") == sum(f.verdict == "false" for f in study.findings)
+    assert words.count("reproducible") == sum("not" in f.verdict for f in study.findings)
+    for finding in study.findings:
+        assert finding.came_out in out
+
+
+def test_an_unknown_study_is_one_line_and_status_2(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr("sys.argv", ["inercal", "reproduce", "ferris"])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    out, err = capsys.readouterr()
+    assert stop.value.code == 2
+    assert out == ""
+    assert err.strip() == "inercal: no study 'ferris'; there are centrifuge"
