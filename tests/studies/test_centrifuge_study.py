@@ -389,10 +389,10 @@ def test_an_acceleration_that_is_larger_throughout_scales_s_and_d():
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_an_acceleration_off_at_random_costs_tens_of_times_the_noise(seed: int):
-    found = bench.each(200, seed)
+    found = bench.each(120, seed)
     for row, (low, high) in zip(found, [(0.5e-5, 1.8e-5), (5e-5, 8e-5), (1.4e-7, 4.5e-7)],
                                 strict=True):  # fmt: skip
-        # 200 trials know a deviation to 5 %; S_ay comes out at 1.9e-5 over more of them.
+        # 120 trials know a deviation to 7 %; S_ay comes out at 1.9e-5 over thousands of them.
         assert row.min() == pytest.approx(low, rel=0.2)
         assert row.max() == pytest.approx(high, rel=0.2)
     cost = found / np.array(BOUND)

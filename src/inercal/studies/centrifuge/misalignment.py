@@ -41,6 +41,8 @@ SMALL = tuple(
 )  # fmt: skip
 FIRST = Claim("scale factors suffer more than biases: |ΔS| over |Δb|", "Fig. 4", 1.0, "", "≥")
 SECOND = Claim("biases suffer more than D: |Δb| over |ΔD|", "Fig. 4", 1.0, "", "≥")
+GROWS = Claim("the errors grow with the angle: their least growth between two angles",
+              "Fig. 4", 0.0, "", "≥")  # fmt: skip
 MAINLY = Claim(
     "misalignments act mainly on C11 to C13: their share", "(23)", 0.5, "", "≥", last_digit=0.1
 )
@@ -172,6 +174,12 @@ def section(clean: Array) -> Section:
               f"b {shown(relative[0, 1])}, D {shown(relative[0, 2])}")
         for k, claim in enumerate((FIRST, SECOND))
     ]  # fmt: skip
+    growth = np.diff(paper, axis=0) / paper[:-1]
+    grows = judge(
+        GROWS, growth.min(), 0.0,
+        f"the largest errors of S, b and D grow by {growth.min():.0%} to {growth.max():.0%} from "
+        "each angle to the next",
+    )  # fmt: skip
     powers = zip(folded, ("first", "second", "third", "fourth"), strict=True)
     mainly = judge(
         MAINLY, share, 0.0,
@@ -191,7 +199,7 @@ def section(clean: Array) -> Section:
             "estimated, ml recovers all nine coefficients to "
             f"{shown(worst(found.lean['ml, Φ found']).max())}.",
         ),
-        (*small, *ordering, mainly),
+        (*small, grows, *ordering, mainly),
         (_table(found),),
         (_chart(found),),
     )

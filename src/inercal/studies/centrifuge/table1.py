@@ -116,10 +116,18 @@ def section() -> Section:
 
 
 def _table(found: Printed, design: Array, lost: NDArray[np.bool_]) -> Table:
-    words = {s.row: " or ".join(r.in_words() for r in s.repairs) for s in found.suspects}
+    words = {
+        s.row: " or ".join(f"{r.kind} of {', '.join(r.after)}" for r in s.repairs)
+        for s in found.suspects
+    }
     rows: list[tuple[str, list[str]]] = []
     for k, (as_is, made) in enumerate(zip(found.printed, design, strict=True)):
-        cells = [f"{x:.6f}" for pair in zip(as_is, made, strict=True) for x in pair]
+        # One entry has a seventh decimal in print.
+        cells = [
+            text
+            for p, x in zip(as_is, made, strict=True)
+            for text in (f"{p:.6f}" if p == round(p, 6) else f"{p:.7f}", f"{x:.6f}")
+        ]
         name = f"ω{'₁₂₃'[k // 20]}, {k % 20 + 1}"
         rows.append((name, [*(c.replace("-", "−") for c in cells), words.get(k, "")]))
     heads = [f"N_a{axis}\n{what}" for axis in "xyz" for what in ("printed", "design")]
@@ -127,7 +135,7 @@ def _table(found: Printed, design: Array, lost: NDArray[np.bool_]) -> Table:
     return Table(
         "All 180 entries, V; those that lost their sign stand out",
         "rate, position",
-        (*heads, "screening: what repairs the row"),
+        (*heads, "screening:\nrepair"),
         rows,
         marked,
         folded=True,
