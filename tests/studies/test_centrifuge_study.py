@@ -343,6 +343,7 @@ def test_the_weak_direction_is_in_the_powers_of_y():
     weakest = np.abs(np.linalg.svd(rows / np.linalg.norm(rows, axis=0))[2][-1])
     # 1, then x y z, x² y² z², …: y³, y², y⁴ are columns 8, 5 and 11
     assert np.argsort(-weakest)[:3].tolist() == [8, 5, 11]
+    assert efficiency.weakest(experiment.steps()) == "N_y³, N_y², N_y⁴"
 
 
 def test_verdicts_on_the_counting_rule(study: Study):

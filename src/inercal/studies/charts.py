@@ -52,7 +52,5 @@ def _fill(axes: Axes, panel: Panel) -> None:
     axes.set_axisbelow(True)
     if panel.names:
         drawing.name_positions(axes, panel.names)
-    if panel.log_x:
-        axes.set_xscale("log")
     axes.set_xlabel(panel.x)
     axes.set_ylabel(panel.y)

@@ -31,7 +31,6 @@ class Panel:
     x: str
     y: str
     lines: Sequence[Line]
-    log_x: bool = False
     log_y: bool = True
     names: Sequence[str] = ()
 

@@ -14,6 +14,7 @@ from inercal.studies.centrifuge.experiment import (
     LATITUDE,
     QUANTITIES,
     TRUTH,
+    UNITS,
     G,
     as_printed,
     by_formulas,
@@ -28,7 +29,6 @@ from inercal.studies.section import Section, Table
 Array = NDArray[np.float64]
 ARM = 0.02  # m
 RELATIVE = 1e-5  # error of the centripetal acceleration
-UNITS = {"S": "V/g", "b": "g", "D": "1/g"}
 PRINTED = np.array([  # |ΔS|, |Δb|, |ΔD| of x, y, z
     [2.073e-10, 3.795e-11, 3.191e-10],
     [5.012e-8, 7.918e-10, 4.682e-10],

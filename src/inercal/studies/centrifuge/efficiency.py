@@ -38,6 +38,15 @@ def rank(spins: tuple[Spin, ...]) -> tuple[int, float]:
     return int(np.sum(singular > _SINGULAR * singular[0])), float(singular[0] / singular[-1])
 
 
+def weakest(spins: tuple[Spin, ...]) -> str:
+    """Return the three terms of (15) that the dwells tell apart worst, in words."""
+    rows = closed.design(outputs(TRUTH, spins))
+    vector = np.abs(np.linalg.svd(rows / np.linalg.norm(rows, axis=0))[2][-1])
+    terms = ["1", *(f"N_{axis}{power}" for power in ("", "²", "³", "⁴") for axis in AXES)]
+    largest: list[int] = np.argsort(-vector)[:3].tolist()
+    return ", ".join(terms[k] for k in largest)
+
+
 def known_attitudes() -> Array:
     """Return the Cramér–Rao bound of S, b, D, (3, 3), where the attitudes are known exactly."""
     spins = steps()
@@ -101,8 +110,9 @@ def section(trials: Trials) -> Section:
             Table("Standard deviations of S (V/g), b (g) and D (1/g)", "", heads,
                   [(name, [shown(x, 3) for x in value.ravel()]) for name, value in sets.items()]),
             Table("What the plans determine of the 13 terms of (13)", "plan",
-                  ("dwells", "rank", "scaled\ncondition number"),
-                  [(name, [str(len(spins)), str(r), shown(c, 3) if r == TERMS else "singular"])
+                  ("dwells", "rank", "scaled\ncondition number", "worst told\napart"),
+                  [(name, [str(len(spins)), str(r),
+                           *((shown(c, 3), weakest(spins)) if r == TERMS else ("singular", ""))])
                    for name, (spins, r, c) in ranks.items()]),
         ),
         (

@@ -15,7 +15,6 @@ from inercal.studies.centrifuge.experiment import (
     TRUTH,
     G,
     Triad,
-    by_formulas,
     force,
     outputs,
     regression,
@@ -160,11 +159,6 @@ def upside_down() -> Tried:
         f"biases of {', '.join(shown(x, 3) for x in printed)} g; mended, "
         "b = −C₁ (1 + 6K + 6K²) / [2 C₂ (1 + K)(1 + 2K)]",
     )  # fmt: skip
-
-
-def without_noise() -> Array:
-    """Return the errors of S, b, D by the mended equations, (3, 3)."""
-    return by_formulas(closed.paper, outputs(TRUTH, steps()), steps()) - TRUTH.values
 
 
 def section(trials: Trials) -> Section:

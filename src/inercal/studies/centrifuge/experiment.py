@@ -31,6 +31,7 @@ NOMINAL = 1.25  # V/g, from where ml starts
 BENCH = Centrifuge(Measured(G, 0.0), Measured(1.0, 0.0), latitude=Measured(0.0, 0.0))
 AXES = ("x", "y", "z")
 QUANTITIES = ("S", "b", "D")
+UNITS = {"S": "V/g", "b": "g", "D": "1/g"}
 
 
 def _no_arms() -> Array:

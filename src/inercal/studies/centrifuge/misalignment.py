@@ -15,6 +15,7 @@ from inercal.studies.centrifuge import experiment
 from inercal.studies.centrifuge.experiment import (
     BENCH,
     TRUTH,
+    UNITS,
     G,
     Triad,
     as_printed,
@@ -33,7 +34,6 @@ from inercal.studies.section import Chart, Line, Panel, Section, Table
 Array = NDArray[np.float64]
 ANGLES = np.array([2e-4, 4e-4, 6e-4, 8e-4, 10e-4])
 NAMES = {"S": "scale factor", "b": "bias", "D": "D"}
-UNITS = {"S": "V/g", "b": "g", "D": "1/g"}
 SMALL = tuple(
     Claim(f"misalignments to 10⁻³ rad change {NAMES[q]} by less than 10⁻⁸, to be neglected",
           "Abstract, Fig. 4", 1e-8, UNITS[q], "≤", last_digit=1e-8)

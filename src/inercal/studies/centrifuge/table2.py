@@ -3,12 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from inercal.studies.centrifuge.experiment import AXES, QUANTITIES, TRUTH
+from inercal.studies.centrifuge.experiment import AXES, QUANTITIES, TRUTH, UNITS
 from inercal.studies.centrifuge.trials import ESTIMATORS, Trials
 from inercal.studies.claim import LIMIT, Claim, Finding, judge, shown
 from inercal.studies.section import Section, Table
-
-UNITS = {"S": "V/g", "b": "g", "D": "1/g"}
 
 
 @dataclass(frozen=True)
