@@ -1,0 +1,231 @@
+"""A calibration as a function of everything that is not perfect about it.
+
+The estimator is a black box. All imperfections together are a vector z of independent standard
+normal numbers, and the calibration is one function of it::
+
+    z  ->  bench's errors, readings' noise, what was known from elsewhere
+       ->  readings = forward(motion(bench's errors), truth) + noise
+       ->  estimate(readings; the bench as stated, with its priors)  =  E(z)
+
+Its derivative at a point is the budget to first order (GUM 5.1), its spread when z is drawn that
+by Monte Carlo (GUM Supplement 1, JCGM 101:2008).
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.budget import felt
+from inercal.budget.felt import Bench
+from inercal.budget.imperfections import NOISE, Imperfection, of_bench, of_noise, of_prior
+from inercal.errors import InputError
+from inercal.estimate import Estimate, Gaussian
+from inercal.parameters import Parameter
+from inercal.plan import Step
+from inercal.recording import Observations
+from inercal.sensors import Sensor
+
+Array = NDArray[np.float64]
+Estimator = Callable[..., Estimate]  # observations, sensor, bench, steps, priors
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """A sensor on a bench, a plan, and an estimator.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        With the p coefficients that are estimated.
+    bench : Hand or Centrifuge
+        As stated to the estimator; its errors are drawn with the deviations it states.
+    steps : tuple of r Step
+        The plan.
+    estimator : callable
+        From observations, sensor, bench, steps and priors to an estimate.
+    noise : (r, m, m) array
+        Covariance of the mean readings of each step, SI, positive definite.
+    priors : tuple of Gaussian
+        On coefficients, from elsewhere: their means are drawn about the truth.
+    truth : mapping of str to float
+        Coefficients by full name, SI; those missing are zero. Those that are not estimated are
+        known effects, and play no part here (see `inercal.budget.shifts`).
+
+    Raises
+    ------
+    InputError
+        A plan without attitudes, or of another bench; noise that is not positive definite.
+    """
+
+    sensor: Sensor
+    bench: Bench
+    steps: tuple[Step, ...]
+    estimator: Estimator
+    noise: Array
+    priors: tuple[Gaussian, ...] = ()
+    truth: Mapping[str, float] = field(default_factory=dict[str, float])
+
+    def __post_init__(self) -> None:
+        felt.require_possible(self.bench, self.steps)
+        shape = (len(self.steps), *[len(self.sensor.axes)] * 2)
+        if self.noise.shape != shape:
+            raise InputError(f"noise has shape {self.noise.shape}, expected {shape}")
+        variance = np.diagonal(self.noise, axis1=-2, axis2=-1)
+        if not (np.isfinite(self.noise).all() and (variance > 0).all()):
+            raise InputError("a budget needs the noise of the readings, finite and not zero")
+
+    @cached_property
+    def true(self) -> Array:
+        """True values of the estimated coefficients, (p,) SI."""
+        return self._truth(self.sensor.coefficients)
+
+    def _truth(self, names: tuple[str, ...]) -> Array:
+        return np.array([self.truth.get(name, 0.0) for name in names])
+
+    @cached_property
+    def declared(self) -> dict[str, Parameter]:
+        """The bench's parameters by full name, those that are exact included."""
+        rates = any(axis.measures == "w" for axis in self.sensor.axes)
+        return felt.parameters(self.bench, self.steps, rates=rates)
+
+    @cached_property
+    def imperfections(self) -> tuple[Imperfection, ...]:
+        """The lines of the budget; z holds their draws one after the other."""
+        labels = [step.label for step in self.steps]
+        noise = of_noise(self.sensor, labels, self.noise)
+        return (*of_bench(self.declared), *self._carried, noise)
+
+    @cached_property
+    def _carried(self) -> tuple[Imperfection, ...]:
+        return tuple(of_prior(self.sensor, prior) for prior in self.priors)
+
+    @cached_property
+    def columns(self) -> dict[str, slice]:
+        """Where z holds the draws of each imperfection, by its name."""
+        ends = np.cumsum([0, *(len(one.draws) for one in self.imperfections)]).tolist()
+        names = [one.name for one in self.imperfections]
+        return {name: slice(*ends[k : k + 2]) for k, name in enumerate(names)}
+
+    @property
+    def size(self) -> int:
+        """Length of z."""
+        return sum(len(one.draws) for one in self.imperfections)
+
+    def __call__(self, z: Array) -> Array:
+        """Return E(z), the estimates (n, p) of n trials, z (n, size).
+
+        Raises
+        ------
+        InputError
+            The estimator did not converge, or refuses the readings.
+        """
+        return self.estimates(*self.made(z))
+
+    @cached_property
+    def typical(self) -> Array:
+        """Return the point that a budget is worked out about, (size,): one draw of the noise.
+
+        A bench without errors, but no readings without noise: a search that weighs by residuals
+        and ends by their size would only meet rounding there.
+        """
+        z = np.zeros(self.size)
+        noise = self.columns[NOISE]
+        z[noise] = np.random.default_rng(0).standard_normal(noise.stop - noise.start)
+        return z
+
+    def made(self, z: Array) -> tuple[Array, tuple[Gaussian, ...]]:
+        """Return readings, (n, r, m) SI, and the priors with their means as drawn, (n, k)."""
+        loose = [name for name, parameter in self.declared.items() if parameter.sd > 0]
+        q = {name: np.array(parameter.value) for name, parameter in self.declared.items()}
+        drawn = {name: one for one in self.imperfections for name in one.draws if name in q}
+        for name in loose:
+            one = drawn[name]
+            k = self.columns[one.name].start + one.draws.index(name)
+            q[name] = q[name] + self.declared[name].sd * z[:, k]
+        priors: list[Gaussian] = []
+        for prior, one in zip(self.priors, self._carried, strict=True):
+            error = z[:, self.columns[one.name]] @ np.linalg.cholesky(prior.covariance).T
+            priors.append(replace(prior, mean=self._truth(prior.names) + error))
+        noise = z[:, self.columns[NOISE]].reshape(-1, *self.noise.shape[:2])
+        noise = (np.linalg.cholesky(self.noise) @ noise[..., None])[..., 0]
+        return self.readings(q, self.sensor.coefficients) + noise, tuple(priors)
+
+    def readings(self, q: Mapping[str, Array], coefficients: tuple[str, ...]) -> Array:
+        """Return readings without noise, (..., r, m) SI.
+
+        Parameters
+        ----------
+        q : mapping of str to (...) array
+            The bench's parameters by full name.
+        coefficients : tuple of str
+            Those that the sensor truly has, with the values of `truth`.
+        """
+        sensor = replace(self.sensor, coefficients=coefficients)
+        return sensor.forward(felt.motion(self.bench, self.steps, q), self._truth(coefficients))
+
+    def estimates(
+        self, readings: Array, priors: tuple[Gaussian, ...], bench: Bench | None = None
+    ) -> Array:
+        """Return the coefficients estimated from readings (n, r, m), (n, p) SI.
+
+        Parameters
+        ----------
+        readings : (n, r, m) array
+        priors : tuple of Gaussian
+            Means (n, k).
+        bench : Hand or Centrifuge, optional
+            As stated to the estimator, where it is not the one that made the readings.
+        """
+        if self._takes_trials:
+            found = self._estimate(readings, priors, bench)
+            values, converged = found.value, np.asarray(found.converged)
+        else:
+            # A search without trials names no mistake of one among many: each is told apart.
+            singles = [
+                self._estimate(row, tuple(replace(g, mean=g.mean[k]) for g in priors), bench)
+                for k, row in enumerate(readings)
+            ]
+            values = np.stack([one.value for one in singles])
+            converged = np.array([bool(one.converged) for one in singles])
+        if not converged.all():
+            lost = int(np.sum(~converged))
+            raise InputError(
+                f"the estimator did not converge in {lost} of {len(readings)} trials: is the noise "
+                "stated too small for the plan?"
+            )
+        return values[:, : len(self.sensor.coefficients)]
+
+    @cached_property
+    def _takes_trials(self) -> bool:
+        """Whether the estimator takes many tables at once; closed formulas take one."""
+        readings, priors = self.made(self.typical[None])
+        try:
+            self._estimate(readings, priors)
+        except InputError:
+            return False  # what else is wrong with the readings, one table will tell
+        return True
+
+    def stated(self) -> Array:
+        """Return the standard uncertainties that the estimator states itself, (p,) SI."""
+        readings, priors = self.made(self.typical[None])
+        single = tuple(replace(g, mean=g.mean[0]) for g in priors)
+        variance = np.diagonal(self._estimate(readings[0], single).covariance)
+        return np.sqrt(variance[: len(self.sensor.coefficients)])
+
+    def _estimate(
+        self, readings: Array, priors: tuple[Gaussian, ...], bench: Bench | None = None
+    ) -> Estimate:
+        r = len(self.steps)
+        observations = Observations(
+            labels=tuple(step.label for step in self.steps),
+            mean=readings,
+            covariance=self.noise,
+            duration=np.array([step.seconds or 1.0 for step in self.steps]),
+            samples=np.ones(r, dtype=np.int64),
+            time=np.arange(r, dtype=float),
+            channels=self.sensor.channels,
+        )
+        return self.estimator(observations, self.sensor, bench or self.bench, self.steps, priors)

@@ -1,0 +1,88 @@
+"""What each bench makes a sensor feel, step by step, at given errors of the bench.
+
+One row a step, the mean over it: the readings that a calibration would work on, without noise.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches import Centrifuge, Hand
+from inercal.benches.centrifuge import felt_vector
+from inercal.benches.hand import felt, tilted
+from inercal.errors import InputError
+from inercal.motion import Motion
+from inercal.parameters import Parameter
+from inercal.plan import HandStep, Hold, Spin, Step, Turn
+
+Array = NDArray[np.float64]
+Bench = Hand | Centrifuge
+
+
+def require_possible(bench: Bench, steps: Sequence[Step]) -> None:
+    """Refuse a plan that does not say what the sensor feels.
+
+    Raises
+    ------
+    InputError
+        No steps, steps of another bench, or attitudes on the arm that are not known.
+    """
+    if not steps:
+        raise InputError("a budget needs a plan; this one has no steps")
+    spun = isinstance(bench, Centrifuge)
+    if any(isinstance(step, Spin) != spun for step in steps):
+        raise InputError("the plan's steps are for another bench than the one that is stated")
+    if any(isinstance(step, Spin) and step.attitude is None for step in steps):
+        raise InputError(
+            "a budget needs a plan with attitudes ([method] attitudes and rates): a table of means "
+            "does not say in which ones it was taken"
+        )
+
+
+def parameters(bench: Bench, steps: Sequence[Step], *, rates: bool) -> dict[str, Parameter]:
+    """Return the bench's parameters that act on these steps, by full name.
+
+    Parameters
+    ----------
+    bench, steps
+        As `require_possible` lets pass.
+    rates : bool
+        Whether the sensor has gyros.
+    """
+    if isinstance(bench, Centrifuge):
+        spins = [step for step in steps if isinstance(step, Spin)]
+        return bench.nuisances(spins, vectors=True, dwells=True)
+    return bench.nuisances([step for step in steps if isinstance(step, Hold | Turn)], rates=rates)
+
+
+def motion(bench: Bench, steps: Sequence[Step], q: Mapping[str, Array]) -> Motion:
+    """Return the mean motion of each of r steps, f and ω (..., r, 3).
+
+    Parameters
+    ----------
+    bench, steps
+        As `require_possible` lets pass.
+    q : mapping of str to (...) array
+        The bench's parameters by full name, SI; `parameters` lists them.
+    """
+    if isinstance(bench, Centrifuge):
+        made = felt_vector(bench, [step for step in steps if isinstance(step, Spin)], q)
+        return Motion(made.f, made.w)
+    rows = [
+        felt(step, step.seconds, _with_force(step, q))
+        for step in steps
+        if isinstance(step, Hold | Turn)
+    ]
+    whole = np.broadcast_arrays(*(row.f for row in rows), *(row.w for row in rows))
+    return Motion(np.stack(whole[: len(rows)], axis=-2), np.stack(whole[len(rows) :], axis=-2))
+
+
+def _with_force(step: HandStep, q: Mapping[str, Array]) -> Mapping[str, Array]:
+    """Return q with the mean specific force of a turn: gravity along the axis, which stands up."""
+    if isinstance(step, Hold):
+        return q
+    zero = np.zeros(())
+    pair = [q.get(f"axis{k}[{step.label}]", zero) for k in (1, 2)]
+    force = q["g"][..., None] * tilted(step.axis, np.stack(np.broadcast_arrays(*pair), -1))[0]
+    return {**q, **{f"force_{a}[{step.label}]": force[..., k] for k, a in enumerate("xyz")}}

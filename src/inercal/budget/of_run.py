@@ -1,0 +1,72 @@
+"""From a run file to the experiment whose budget is asked for. Its data are not looked at."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.budget.experiment import Experiment
+from inercal.budget.felt import require_possible
+from inercal.errors import InputError
+from inercal.runfile import Run
+from inercal.runfile.build import si_value
+from inercal.sensors import Axis
+
+Array = NDArray[np.float64]
+_SECTION = {"f": ("accelerometer", "m/s²"), "w": ("gyro", "rad/s")}
+
+
+def experiment_of(run: Run) -> Experiment:
+    """Return the experiment that a run file describes.
+
+    The noise of a mean is its stated deviation ([data.sd]), else the white noise of the axis over
+    the step. A coefficient with a prior and no [sensor.truth] is truly what the prior says.
+
+    Raises
+    ------
+    InputError
+        A method without a plan of attitudes, or no noise.
+    """
+    if run.method.free:
+        raise InputError(
+            f"{run.path}: a budget needs a plan with attitudes; method {run.method.name} finds "
+            "them in the recording, and inercal plan rehearses it"
+        )
+    try:
+        require_possible(run.bench, run.steps)
+        believed = {
+            name: float(value)
+            for prior in run.priors
+            for name, value in zip(prior.names, prior.mean, strict=True)
+        }
+        return Experiment(
+            run.sensor,
+            run.bench,
+            run.steps,
+            run.method.estimator(run.estimator),
+            _noise(run),
+            run.priors,
+            believed | dict(run.truth),
+        )
+    except InputError as error:
+        raise InputError(f"{run.path}: {error}") from None
+
+
+def _noise(run: Run) -> Array:
+    """Return the covariance of the mean readings, (r, m, m) SI."""
+    variance = np.array([[_variance(run, axis, s.seconds) for axis in run.sensor.axes]
+                         for s in run.steps])  # fmt: skip
+    return variance[..., None] * np.eye(variance.shape[1])
+
+
+def _variance(run: Run, axis: Axis, seconds: float) -> float:
+    kind, like = _SECTION[axis.measures]
+    for name, text in run.data.sd.items():
+        if name == kind:
+            return si_value(text, like, f"[data.sd] {kind}") ** 2
+    if not axis.noise.white:
+        raise InputError(
+            f"[sensor.{kind}] white is missing: a budget needs the noise, of the sensor or of "
+            f"each mean ([data.sd] {kind})"
+        )
+    if not seconds:
+        raise InputError("the plan does not say how long its steps last: white noise needs it")
+    return axis.noise.white**2 / seconds

@@ -1,0 +1,117 @@
+"""Known effects, if they are left uncorrected: shifts, not deviations.
+
+Two kinds. The bench corrects for an effect, earth's rate say: the readings have it, and the
+estimator is told of a bench without. Or the sensor has a coefficient that is not estimated, a
+lever arm or a misalignment: the readings have it, and the estimator knows nothing of it.
+A shift is what this changes in the estimate.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from math import degrees
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches import Centrifuge, Hand
+from inercal.budget.experiment import Experiment
+from inercal.budget.felt import Bench
+from inercal.sensors import G0
+from inercal.units import Measured
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A known effect that a bench corrects for.
+
+    Parameters
+    ----------
+    name : str
+    field : str
+        Of the bench, that holds its value.
+    absent : Measured or float
+        The field's value without the effect.
+    unit, per : str and float
+        The value as printed: unit, and how many of it one SI unit is.
+    """
+
+    name: str
+    field: str
+    absent: Measured | float
+    unit: str
+    per: float
+
+
+# At the equator the earth does not turn about the vertical.
+EFFECTS: Mapping[type[Bench], tuple[Effect, ...]] = {
+    Hand: (Effect("earth's rate", "latitude", 0.0, "° of latitude", degrees(1)),),
+    Centrifuge: (
+        Effect("earth's rate", "latitude", Measured(0.0, 0.0), "° of latitude", degrees(1)),
+        Effect("stretch of the arm", "stretch", Measured(0.0, 0.0), "ppm/g", 1e6 * G0),
+    ),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Shift:
+    """What a known effect shifts if it is left uncorrected.
+
+    Parameters
+    ----------
+    name : str
+    value : str
+        Size of the effect as printed.
+    shift : (p,) array
+        Of the estimates, SI.
+    """
+
+    name: str
+    value: str
+    shift: Array
+
+
+def shifts(experiment: Experiment) -> tuple[Shift, ...]:
+    """Return the shifts by each known effect, then by all together where there are several."""
+    readings, priors = experiment.made(experiment.typical[None])
+    as_it_is = experiment.estimates(readings, priors)[0]
+    without = experiment.bench
+    found: list[Shift] = []
+    for effect in EFFECTS[type(experiment.bench)]:
+        value = _value(getattr(experiment.bench, effect.field))
+        if not value or not _felt(experiment, effect):
+            continue
+        told = replace(experiment.bench, **{effect.field: effect.absent})
+        without = replace(without, **{effect.field: effect.absent})
+        moved = experiment.estimates(readings, priors, told)[0] - as_it_is
+        found.append(Shift(effect.name, f"{value * effect.per:.4g} {effect.unit}", moved))
+    own = experiment.sensor.coefficients
+    more = tuple(name for name, c in experiment.truth.items() if name not in own and c)
+    whole = replace(experiment.sensor, coefficients=(*own, *more))
+    q = {name: np.array(parameter.value) for name, parameter in experiment.declared.items()}
+    quiet = experiment.readings(q, own)
+    for name in more:
+        there = readings + experiment.readings(q, (*own, name)) - quiet
+        line = whole.coefficient(name)
+        text = f"{experiment.truth[name] / line.si:.4g} {line.unit}"
+        moved = experiment.estimates(there, priors)[0] - as_it_is
+        found.append(Shift(f"{name}, {line.meaning}", text, moved))
+    if len(found) > 1:
+        there = readings + experiment.readings(q, (*own, *more)) - quiet
+        moved = experiment.estimates(there, priors, without)[0] - as_it_is
+        found.append(Shift("all of these", "", moved))
+    return tuple(found)
+
+
+def _value(stated: Measured | float | None) -> float:
+    """Return the value of a field; an unknown one is no known effect."""
+    if stated is None:
+        return 0.0
+    return stated.value if isinstance(stated, Measured) else stated
+
+
+def _felt(experiment: Experiment, effect: Effect) -> bool:
+    """Whether the effect reaches the sensor: a hand's earth rate is felt by gyros alone."""
+    gyros = any(axis.measures == "w" for axis in experiment.sensor.axes)
+    return gyros or isinstance(experiment.bench, Centrifuge)
