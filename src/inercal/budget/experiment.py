@@ -181,20 +181,18 @@ class Experiment:
         """
         if self._takes_trials:
             found = self._estimate(readings, priors, bench)
-            values, converged = found.value, np.asarray(found.converged)
+            values, converged = found.value, found.converged
         else:
-            # A search without trials names no mistake of one among many: each is told apart.
             singles = [
                 self._estimate(row, tuple(replace(g, mean=g.mean[k]) for g in priors), bench)
                 for k, row in enumerate(readings)
             ]
             values = np.stack([one.value for one in singles])
             converged = np.array([bool(one.converged) for one in singles])
-        if not converged.all():
-            lost = int(np.sum(~converged))
+        if not np.all(converged):
             raise InputError(
-                f"the estimator did not converge in {lost} of {len(readings)} trials: is the noise "
-                "stated too small for the plan?"
+                f"the estimator did not converge in {int(np.sum(~converged))} of {len(readings)} "
+                "trials: look at the plan and at the noise as stated"
             )
         return values[:, : len(self.sensor.coefficients)]
 
