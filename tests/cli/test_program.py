@@ -13,7 +13,16 @@ from tests.runfile.texts import SIX_POSITIONS, run_file
 from inercal.cli.app import main
 
 HEAVY = ("numpy", "scipy", "numba", "pint", "matplotlib")
-VERBS = ("demo", "calibrate", "simulate", "apply", "report", "reproduce")
+VERBS = (
+    "demo",
+    "calibrate",
+    "plan",
+    "budget",
+    "simulate",
+    "apply",
+    "report",
+    "reproduce",
+)
 
 
 def inercal(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
@@ -23,7 +32,7 @@ def inercal(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, encoding="utf-8", check=False)
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["calibrate", "--help"], ["--version"]])
+@pytest.mark.parametrize("arguments", [["--help"], ["calibrate", "--help"], ["budget", "--help"], ["--version"]])
 def test_help_and_version_import_no_numerics(arguments: list[str]):
     code = (
         "import sys\n"

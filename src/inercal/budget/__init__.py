@@ -69,9 +69,7 @@ class Budget:
 
     def sorted_lines(self, coefficient: int) -> list[tuple[Imperfection, Spread]]:
         """Return the lines by what they contribute to one coefficient, largest first."""
-        return sorted(
-            self.lines.items(), key=lambda line: -float(line[1].monte_carlo[coefficient])
-        )
+        return sorted(self.lines.items(), key=lambda line: -float(line[1].monte_carlo[coefficient]))
 
 
 def budget(

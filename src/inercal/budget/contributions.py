@@ -44,8 +44,9 @@ def first_order(experiment: Experiment, progress: Progress | None = None) -> dic
 def drawn(
     experiment: Experiment, trials: int, seed: int, progress: Progress | None = None
 ) -> dict[str, Array]:
-    """Return the estimates, (trials, p) SI, with each imperfection drawn alone, by name, and with
-    all of them drawn, by `TOGETHER`.
+    """Return the estimates, (trials, p) SI, by the name of the imperfection that alone is drawn.
+
+    Those with all of them drawn are `TOGETHER`.
 
     Parameters
     ----------

@@ -74,33 +74,33 @@ class Shift:
 
 def shifts(experiment: Experiment) -> tuple[Shift, ...]:
     """Return the shifts by each known effect, then by all together where there are several."""
-    readings, priors = experiment.made(experiment.typical[None])
-    as_it_is = experiment.estimates(readings, priors)[0]
-    without = experiment.bench
-    found: list[Shift] = []
-    for effect in EFFECTS[type(experiment.bench)]:
-        value = _value(getattr(experiment.bench, effect.field))
-        if not value or not _felt(experiment, effect):
-            continue
-        told = replace(experiment.bench, **{effect.field: effect.absent})
-        without = replace(without, **{effect.field: effect.absent})
-        moved = experiment.estimates(readings, priors, told)[0] - as_it_is
-        found.append(Shift(effect.name, f"{value * effect.per:.4g} {effect.unit}", moved))
-    own = experiment.sensor.coefficients
-    more = tuple(name for name, c in experiment.truth.items() if name not in own and c)
-    whole = replace(experiment.sensor, coefficients=(*own, *more))
+    bench, own, z = experiment.bench, experiment.sensor.coefficients, experiment.typical
+    # Noise and its mirror image: what an effect changes in the weights moves both alike.
+    readings, priors = experiment.made(np.stack([z, -z]))
     q = {name: np.array(parameter.value) for name, parameter in experiment.declared.items()}
     quiet = experiment.readings(q, own)
+    as_it_is = experiment.estimates(readings, priors)
+
+    def moved(told: Bench, more: tuple[str, ...] = ()) -> Array:
+        there = readings + experiment.readings(q, (*own, *more)) - quiet
+        return np.mean(experiment.estimates(there, priors, told) - as_it_is, axis=0)
+
+    found: list[Shift] = []
+    absent: dict[str, Measured | float] = {}
+    for effect in EFFECTS[type(bench)]:
+        value = _value(getattr(bench, effect.field))
+        if value and _felt(experiment, effect):
+            absent[effect.field] = effect.absent
+            shift = moved(replace(bench, **{effect.field: effect.absent}))
+            found.append(Shift(effect.name, f"{value * effect.per:.4g} {effect.unit}", shift))
+    more = tuple(name for name, c in experiment.truth.items() if name not in own and c)
+    whole = replace(experiment.sensor, coefficients=(*own, *more))
     for name in more:
-        there = readings + experiment.readings(q, (*own, name)) - quiet
         line = whole.coefficient(name)
         text = f"{experiment.truth[name] / line.si:.4g} {line.unit}"
-        moved = experiment.estimates(there, priors)[0] - as_it_is
-        found.append(Shift(f"{name}, {line.meaning}", text, moved))
+        found.append(Shift(f"{name}, {line.meaning}", text, moved(bench, (name,))))
     if len(found) > 1:
-        there = readings + experiment.readings(q, (*own, *more)) - quiet
-        moved = experiment.estimates(there, priors, without)[0] - as_it_is
-        found.append(Shift("all of these", "", moved))
+        found.append(Shift("all of these", "", moved(replace(bench, **absent), more)))
     return tuple(found)
 
 

@@ -5,7 +5,7 @@ import sys
 
 import typer
 
-from inercal.cli import apply, calibrate, demo, plan, report, reproduce, simulate
+from inercal.cli import apply, budget, calibrate, demo, plan, report, reproduce, simulate
 from inercal.errors import InercalError
 
 app = typer.Typer(
@@ -15,7 +15,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     add_completion=False,
 )
-for verb in (demo, calibrate, plan, simulate, apply, report, reproduce):
+for verb in (demo, calibrate, plan, budget, simulate, apply, report, reproduce):
     app.command(verb.NAME)(verb.run)
 
 

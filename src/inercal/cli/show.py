@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -11,12 +11,12 @@ if TYPE_CHECKING:
 
 
 @contextmanager
-def working(what: str) -> Generator[None]:
-    """Show on standard error what is going on, while it does."""
+def working(what: str) -> Generator[Callable[[str], None]]:
+    """Show on standard error what is going on, while it does; give what changes the words."""
     from rich.console import Console
 
-    with Console(stderr=True).status(what):
-        yield
+    with Console(stderr=True).status(what) as status:
+        yield status.update
 
 
 def as_json(content: Mapping[str, Any] | Sequence[Any]) -> None:

@@ -1,11 +1,13 @@
-"""The report of a calibration: one HTML page that needs nothing but itself.
+"""Reports, of a calibration and of an error budget: one HTML page that needs nothing but itself.
 
 Figures are SVG inside the page, whose colours follow the reader's light or dark scheme.
 """
 
-from collections.abc import Mapping
+from collections.abc import Generator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
+from inercal.budget import Budget
 from inercal.errors import InputError
 from inercal.io.atomic import atomic_write
 from inercal.pipeline import Outcome
@@ -28,8 +30,35 @@ def write_report(
     InputError
         matplotlib or jinja2 is missing, or the file cannot be written.
     """
-    try:
+    with _extras():
         from inercal.report.page import page
+    return _write(path, page(outcome, truth))
+
+
+def write_budget(budget: Budget, path: str | Path, under: str = "") -> Path:
+    """Write the page of an error budget; it appears whole or not at all. Return its path.
+
+    Parameters
+    ----------
+    budget : Budget
+    path : path
+    under : str, optional
+        What stands under the sensor's name: the method and its estimator.
+
+    Raises
+    ------
+    InputError
+        matplotlib or jinja2 is missing, or the file cannot be written.
+    """
+    with _extras():
+        from inercal.report.budget import page
+    return _write(path, page(budget, under))
+
+
+@contextmanager
+def _extras() -> Generator[None]:
+    try:
+        yield
     except ImportError as error:
         # A broken module of this package is no missing extra.
         if (error.name or "").partition(".")[0] not in ("matplotlib", "jinja2", "markupsafe"):
@@ -37,10 +66,12 @@ def write_report(
         raise InputError(
             "reports need matplotlib and jinja2: pip install 'inercal[report]'"
         ) from error
-    text = page(outcome, truth)
+
+
+def _write(path: str | Path, text: str) -> Path:
     with atomic_write(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
     return Path(path)
 
 
-__all__ = ["write_report"]
+__all__ = ["write_budget", "write_report"]

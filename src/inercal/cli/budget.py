@@ -1,0 +1,96 @@
+"""`inercal budget`: what each imperfection of bench and sensor contributes to each coefficient."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+if TYPE_CHECKING:
+    from inercal.budget import Budget
+
+NAME = "budget"
+
+
+def run(
+    run_file: Path = typer.Argument(help="The run file (TOML); its data are not looked at."),
+    trials: int = typer.Option(1000, help="Monte Carlo trials of each imperfection."),
+    seed: int = typer.Option(0, help="Seed of the trials."),
+    out: Path = typer.Option(Path(), "--out", "-o", help="Folder to write to."),
+    json: bool = typer.Option(False, "--json", help="Print one JSON object instead of tables."),
+) -> None:
+    """Say what each imperfection contributes to each coefficient: the error budget."""
+    from json import dumps
+
+    from inercal.budget import budget
+    from inercal.budget.as_object import as_object
+    from inercal.budget.of_run import experiment_of
+    from inercal.cli.show import as_json, working
+    from inercal.errors import InputError
+    from inercal.io.atomic import atomic_write
+    from inercal.report import write_budget
+    from inercal.runfile import read
+
+    if trials < 2:
+        raise InputError(f"--trials {trials}: a spread takes 2 or more, such as 1000")
+    if seed < 0:
+        raise InputError(f"--seed {seed}: must not be negative")
+    if not out.is_dir():
+        raise InputError(f"{out}: no such folder to write to")
+    plan = read(run_file)
+    with working(f"first order of {plan.sensor.name}") as update:
+        found = budget(
+            experiment_of(plan),
+            trials,
+            seed,
+            lambda done, all_: update(f"{done} of {all_} trials of each imperfection"),
+        )
+        page = out / f"{run_file.stem}.budget.html"
+        result = out / f"{run_file.stem}.budget.json"
+        method = {"method": plan.method.name, "estimator": plan.estimator}
+        content = as_object(found) | method
+        write_budget(found, page, f"method {plan.method.name} · estimator {plan.estimator}")
+        with atomic_write(result) as temporary:
+            text = dumps(content, indent=1, ensure_ascii=False) + "\n"
+            temporary.write_text(text, encoding="utf-8")
+    files = {"budget_file": str(result), "page": str(page)}
+    if json:
+        as_json(content | files)
+        return
+    _print(found)
+    for path in files.values():
+        print(f"wrote {path}")
+
+
+def _print(found: "Budget") -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from inercal.budget.rows import rows, shift_cells
+
+    sensor, console = found.experiment.sensor, Console()
+    table = Table(title=f"error budget of {sensor.name}: standard deviations")
+    table.add_column("coefficient")
+    table.add_column("imperfection")
+    for heading in ("first order", "Monte Carlo", "±"):
+        table.add_column(heading, justify="right")
+    table.add_column("unit")
+    table.add_column("share", justify="right")
+    for k, name in enumerate(sensor.coefficients):
+        unit = sensor.coefficient(name).unit
+        for j, row in enumerate(rows(found, k)):
+            table.add_row(
+                name * (j == 0), row.name, row.first_order, row.monte_carlo, row.error, unit,
+                f"{100 * row.share:.0f} %", style="bold" if row.kind == "total" else "",
+            )  # fmt: skip
+        table.add_section()
+    console.print(table)
+    if not found.shifts:
+        return
+    moved = Table(title="if left uncorrected")
+    moved.add_column("coefficient")
+    for one in found.shifts:
+        moved.add_column(f"{one.name}\n{one.value}", justify="right")
+    moved.add_column("unit")
+    for k, name in enumerate(sensor.coefficients):
+        moved.add_row(name, *shift_cells(found, k), sensor.coefficient(name).unit)
+    console.print(moved)

@@ -1,0 +1,87 @@
+"""`inercal budget`: what it writes and prints, and what it refuses."""
+
+import json
+from pathlib import Path
+
+import pytest
+from tests.runfile.texts import SIX_POSITIONS, run_file
+
+from inercal.cli.app import main
+
+HAND_HELD = ('name = "six_position"\nseconds = "4 s"', 'name = "multi_position"')
+
+
+@pytest.fixture
+def program(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    """Run the program within this process; return its status, its output and its errors."""
+
+    def run(*arguments: str | Path) -> tuple[int, str, str]:
+        monkeypatch.setattr("sys.argv", ["inercal", "budget", *map(str, arguments)])
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as stop:
+            main()
+        printed = capsys.readouterr()
+        return int(stop.value.code or 0), printed.out, printed.err
+
+    return run
+
+
+def test_tables_a_page_and_an_object(tmp_path: Path, program):
+    path = run_file(tmp_path, SIX_POSITIONS)
+    status, printed, errors = program(path, "--trials", "40", "--out", tmp_path)
+    assert (status, errors) == (0, "")
+    assert {p.name for p in tmp_path.iterdir()} == {
+        "run.toml",
+        "run.budget.json",
+        "run.budget.html",
+    }
+    assert "ax.k1" in printed
+    assert "gravity" in printed
+    page = (tmp_path / "run.budget.html").read_text(encoding="utf-8")
+    assert page.startswith("<!DOCTYPE html>")
+    assert "http" not in page.replace("http-equiv", "").replace("http://www.w3.org", "")
+    assert "var(--minus)" in page
+    content = json.loads((tmp_path / "run.budget.json").read_text(encoding="utf-8"))
+    status, printed, _ = program(path, "--trials", "40", "--out", tmp_path, "--json")
+    same = json.loads(printed)
+    assert same.pop("page") == str(tmp_path / "run.budget.html")
+    assert same.pop("budget_file") == str(tmp_path / "run.budget.json")
+    assert same == content
+    assert content["schema"] == "inercal budget 1"
+    assert (content["method"], content["estimator"]) == ("six_position", "ml")
+    k1 = next(c for c in content["coefficients"] if c["name"] == "ax.k1")
+    gravity = next(x for x in k1["contributions"] if x["name"] == "gravity")
+    assert gravity["first_order"] == pytest.approx(2e-4 / 9.81, rel=1e-3)
+    sizes = [x["monte_carlo"] for x in k1["contributions"]]
+    assert sizes == sorted(sizes, reverse=True)
+
+
+@pytest.mark.parametrize(
+    ("changes", "options", "words"),
+    [
+        ((), ("--trials", "1"), "--trials 1: a spread takes 2 or more"),
+        ((), ("--seed", "-1"), "--seed -1: must not be negative"),
+        ((), ("--out", "nowhere"), "nowhere: no such folder"),
+        ((HAND_HELD,), (), "a budget needs a plan with attitudes; method multi_position"),
+        ((('white = "100 µg/√Hz"\n', ""),), (), "[sensor.accelerometer] white is missing"),
+        ((('name = "six_position"', 'name = "seven"'),), (), "no method 'seven'"),
+    ],
+)
+def test_what_cannot_be_done_is_one_line_and_writes_nothing(
+    tmp_path: Path,
+    program,
+    changes: tuple[tuple[str, str], ...],
+    options: tuple[str, ...],
+    words: str,
+):
+    path = run_file(tmp_path, SIX_POSITIONS, *changes)
+    status, printed, errors = program(path, "--out", tmp_path, *options)
+    assert (status, printed) == (2, "")
+    assert words in errors
+    assert errors.count("\n") == 1
+    assert [p.name for p in tmp_path.iterdir()] == ["run.toml"]
+
+
+def test_no_run_file_is_one_line(tmp_path: Path, program):
+    status, _, errors = program(tmp_path / "none.toml", "--out", tmp_path)
+    assert (status, errors) == (2, f"inercal: {tmp_path / 'none.toml'}: no such run file\n")
