@@ -32,7 +32,9 @@ def inercal(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, encoding="utf-8", check=False)
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["calibrate", "--help"], ["budget", "--help"], ["--version"]])
+@pytest.mark.parametrize(
+    "arguments", [["--help"], ["calibrate", "--help"], ["budget", "--help"], ["--version"]]
+)
 def test_help_and_version_import_no_numerics(arguments: list[str]):
     code = (
         "import sys\n"

@@ -187,6 +187,16 @@ def test_the_snippets_of_the_calibration_page_apply_and_verify_a_file(tmp_path: 
     exec(verify, {})
 
 
+def test_the_snippet_of_the_budget_page_prints_contributions_largest_first(
+    capsys: pytest.CaptureFixture[str],
+):
+    (text,) = snippets("how-to/budget.md")
+    exec(text, {})
+    sizes = [float(line.split()[-1]) for line in capsys.readouterr().out.splitlines()]
+    assert len(sizes) == 5
+    assert sizes == sorted(sizes, reverse=True)
+
+
 def test_numbers_in_the_ferraris_guide_are_those_of_the_recording(data_dir: Path, tmp_path: Path):
     text = page("how-to/ferraris.md")
     example = ROOT / "examples" / "ferraris_recordings" / "session_a.toml"

@@ -213,11 +213,10 @@ class Experiment:
         variance = np.diagonal(self._estimate(readings[0], single).covariance)
         return np.sqrt(variance[: len(self.sensor.coefficients)])
 
-    def _estimate(
-        self, readings: Array, priors: tuple[Gaussian, ...], bench: Bench | None = None
-    ) -> Estimate:
+    def observed(self, readings: Array) -> Observations:
+        """Return readings, (..., r, m) SI, as the estimator is given them."""
         r = len(self.steps)
-        observations = Observations(
+        return Observations(
             labels=tuple(step.label for step in self.steps),
             mean=readings,
             covariance=self.noise,
@@ -226,4 +225,9 @@ class Experiment:
             time=np.arange(r, dtype=float),
             channels=self.sensor.channels,
         )
-        return self.estimator(observations, self.sensor, bench or self.bench, self.steps, priors)
+
+    def _estimate(
+        self, readings: Array, priors: tuple[Gaussian, ...], bench: Bench | None = None
+    ) -> Estimate:
+        seen = self.observed(readings)
+        return self.estimator(seen, self.sensor, bench or self.bench, self.steps, priors)

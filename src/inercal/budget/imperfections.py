@@ -130,4 +130,4 @@ def shown(deviations: Sequence[float], unit: str) -> str:
 
 
 def _angle(size: float) -> tuple[str, float]:
-    return ("°", radians(1)) if abs(size) >= radians(0.05) else ("″", radians(1) / 3600)
+    return ("°", radians(1)) if abs(size) >= radians(0.09) else ("″", radians(1) / 3600)

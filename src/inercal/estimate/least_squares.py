@@ -9,8 +9,8 @@ The search starts undamped, since calibrations are nearly linear.
 A trial has converged when the error its next step would still have is nothing beside its cost:
 with δ₀, δ the last two steps in standard deviations, δ²·min(1, δ²/δ₀²) < 10⁻¹⁵ cost + ε, ε what
 rounding makes (δ² alone where weights are iterated); or when the step is below 10⁻¹² of every
-parameter or of its typical size. That step is still taken, but for one of δ² < 10⁻¹⁵ cost + ε that
-rounding lets the cost rise by: where χ² is far below one, its rounding is not.
+parameter or of its typical size. That step is still taken, unless the cost rises by it where its
+promise is below rounding: of a χ² far below one, rounding is no small part.
 """
 
 import numpy as np
@@ -142,12 +142,11 @@ def _search(
             whitener = system.whitener(x)
             tried = system.point(x, residual, jacobian, whitener)
         point = tried if accepted.all() else _merge(accepted, tried, point)
-        cost_before, cost = cost, _cost(point, loss)
+        cost = _cost(point, loss)
         if not reweighted:
             previous = np.where(accepted & active, predicted, previous)
-        # A step that promises less than rounding makes is none: the cost need not fall by it.
-        none = ok & (damping <= 1e-3) & (predicted <= 1e-15 * cost_before + _floor(system))
-        converged |= active & (settled & accepted | none)
+        # A last step that promises less than rounding makes: the cost need not fall by it.
+        converged |= active & settled & (accepted | (predicted <= slack))
         # Accepted: λ falls to a tenth at a full gain, and doubles at none. Refused: ever faster up.
         less = damping * np.maximum(0.1, 1 - (2 * np.clip(gain, 0, 2) - 1) ** 3)
         less[less < _LEAST] = 0.0

@@ -15,6 +15,7 @@ from inercal.report.drawing import FAINT, INK, MINUS, MUTED, PAPER
 _COLOURS = {"line": MINUS, "others": FAINT, "total": MUTED}
 _WIDTH, _COLUMNS = 9.0, 2
 _BAR, _TITLE = 0.17, 0.34  # inches
+_LEAST = 1e-4  # of the variance: a hundredth of the length
 _NAMES, _NUMBERS = 1.5, 0.55  # inches, left and right of the bars
 
 
@@ -24,7 +25,8 @@ def bars(panels: Sequence[tuple[str, Sequence[Row]]]) -> Markup:
 
     Bars are by Monte Carlo; a dot is the contribution to first order.
     """
-    lines = [panels[k : k + _COLUMNS] for k in range(0, len(panels), _COLUMNS)]
+    drawn = [(title, [row for row in rows if _seen(row)]) for title, rows in panels]
+    lines = [drawn[k : k + _COLUMNS] for k in range(0, len(drawn), _COLUMNS)]
     heights = [_BAR * max(len(rows) for _, rows in line) for line in lines]
     total = sum(heights) + _TITLE * len(lines)
     figure = Figure(figsize=(_WIDTH, total))
@@ -37,6 +39,11 @@ def bars(panels: Sequence[tuple[str, Sequence[Row]]]) -> Markup:
             box = (left / _WIDTH, (foot + height - own) / total, width / _WIDTH, own / total)
             _panel(figure.add_axes(box), title, rows)
     return drawing.svg(figure, "contributions", "Contributions to each coefficient, largest first")
+
+
+def _seen(row: Row) -> bool:
+    """Whether a row is worth a bar: what is small together may be nothing at all."""
+    return row.kind != "others" or row.share > _LEAST
 
 
 def _panel(axes: Axes, title: str, rows: Sequence[Row]) -> None:
