@@ -224,7 +224,7 @@ def test_a_misalignment_that_is_not_estimated_shifts_the_bias():
     """By the note −5.4 g/rad of the sum of the symmetric pair: −2.2e-3 g of 2e-4 rad each."""
     made = experiment("half-circle", EXACT, **{"x.delta_o": 2e-4, "y.delta_p": -2e-4})
     *_, first, second, whole = shifts(made)
-    assert first.name == "x.delta_o, misalignment about O"
+    assert first.name == "x.delta_o"
     earth = shifts(experiment("half-circle", EXACT))[0]
     bias = (whole.shift - earth.shift)[0] * NOMINAL / PAPER_G
     print("bias by misalignment", bias, second.shift[0] * NOMINAL / PAPER_G)

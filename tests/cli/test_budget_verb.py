@@ -1,6 +1,7 @@
 """`inercal budget`: what it writes and prints, and what it refuses."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -11,8 +12,11 @@ from inercal.cli.app import main
 HAND_HELD = ('name = "six_position"\nseconds = "4 s"', 'name = "multi_position"')
 
 
+Program = Callable[..., tuple[int, str, str]]
+
+
 @pytest.fixture
-def program(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+def program(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Program:
     """Run the program within this process; return its status, its output and its errors."""
 
     def run(*arguments: str | Path) -> tuple[int, str, str]:
@@ -26,7 +30,7 @@ def program(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
     return run
 
 
-def test_tables_a_page_and_an_object(tmp_path: Path, program):
+def test_tables_a_page_and_an_object(tmp_path: Path, program: Program):
     path = run_file(tmp_path, SIX_POSITIONS)
     status, printed, errors = program(path, "--trials", "40", "--out", tmp_path)
     assert (status, errors) == (0, "")
@@ -69,7 +73,7 @@ def test_tables_a_page_and_an_object(tmp_path: Path, program):
 )
 def test_what_cannot_be_done_is_one_line_and_writes_nothing(
     tmp_path: Path,
-    program,
+    program: Program,
     changes: tuple[tuple[str, str], ...],
     options: tuple[str, ...],
     words: str,
@@ -82,6 +86,6 @@ def test_what_cannot_be_done_is_one_line_and_writes_nothing(
     assert [p.name for p in tmp_path.iterdir()] == ["run.toml"]
 
 
-def test_no_run_file_is_one_line(tmp_path: Path, program):
+def test_no_run_file_is_one_line(tmp_path: Path, program: Program):
     status, _, errors = program(tmp_path / "none.toml", "--out", tmp_path)
     assert (status, errors) == (2, f"inercal: {tmp_path / 'none.toml'}: no such run file\n")

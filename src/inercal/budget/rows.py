@@ -1,7 +1,7 @@
 """A budget as text: rows of one coefficient in its table's unit, rounded to what is known."""
 
 from dataclasses import dataclass
-from math import hypot
+from math import hypot, log10
 from typing import Literal
 
 from inercal.budget import Budget
@@ -93,4 +93,9 @@ def shift_cells(budget: Budget, k: int) -> list[str]:
     sensor = budget.experiment.sensor
     si = sensor.coefficient(sensor.coefficients[k]).si
     least = 1e-4 * float(budget.total.monte_carlo[k])
-    return [f"{x.shift[k] / si:+.3g}" if abs(x.shift[k]) > least else "0" for x in budget.shifts]
+    sizes = [float(one.shift[k]) for one in budget.shifts]
+    return [_three_digits(x / si) if abs(x) > least else "0" for x in sizes]
+
+
+def _three_digits(x: float) -> str:
+    return f"{x:+.3g}" if abs(x) < 999.5 else f"{round(x, 2 - int(log10(abs(x)))):+.0f}"

@@ -98,7 +98,7 @@ def shifts(experiment: Experiment) -> tuple[Shift, ...]:
     for name in more:
         line = whole.coefficient(name)
         text = f"{experiment.truth[name] / line.si:.4g} {line.unit}"
-        found.append(Shift(f"{name}, {line.meaning}", text, moved(bench, (name,))))
+        found.append(Shift(name, text, moved(bench, (name,))))
     if len(found) > 1:
         found.append(Shift("all of these", "", moved(replace(bench, **absent), more)))
     return tuple(found)
