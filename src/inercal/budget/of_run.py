@@ -1,17 +1,19 @@
 """From a run file to the experiment whose budget is asked for. Its data are not looked at."""
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
 from inercal.budget.experiment import Experiment
 from inercal.budget.felt import require_possible
 from inercal.errors import InputError
+from inercal.pipeline.inputs import stated_sd
 from inercal.runfile import Run
-from inercal.runfile.build import si_value
 from inercal.sensors import Axis
 
 Array = NDArray[np.float64]
-_SECTION = {"f": ("accelerometer", "m/s²"), "w": ("gyro", "rad/s")}
+_SECTION = {"f": "accelerometer", "w": "gyro"}
 
 
 def experiment_of(run: Run) -> Experiment:
@@ -52,16 +54,17 @@ def experiment_of(run: Run) -> Experiment:
 
 def _noise(run: Run) -> Array:
     """Return the covariance of the mean readings, (r, m, m) SI."""
-    variance = np.array([[_variance(run, axis, s.seconds) for axis in run.sensor.axes]
-                         for s in run.steps])  # fmt: skip
+    stated = stated_sd(run)
+    variance = np.array(
+        [[_variance(stated, a, step.seconds) for a in run.sensor.axes] for step in run.steps]
+    )
     return variance[..., None] * np.eye(variance.shape[1])
 
 
-def _variance(run: Run, axis: Axis, seconds: float) -> float:
-    kind, like = _SECTION[axis.measures]
-    for name, text in run.data.sd.items():
-        if name == kind:
-            return si_value(text, like, f"[data.sd] {kind}") ** 2
+def _variance(stated: Mapping[str, float], axis: Axis, seconds: float) -> float:
+    kind = _SECTION[axis.measures]
+    if axis.measures in stated:
+        return stated[axis.measures] ** 2
     if not axis.noise.white:
         raise InputError(
             f"[sensor.{kind}] white is missing: a budget needs the noise, of the sensor or of "
