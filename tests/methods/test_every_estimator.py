@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from inercal.benches import Centrifuge, Hand
-from inercal.benches.centrifuge import felt_vector
+from inercal.benches.arm import felt_vector
 from inercal.benches.hand import felt
 from inercal.errors import InputError
 from inercal.methods import METHODS

@@ -11,7 +11,8 @@ from math import atan2, cos, sin
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.centrifuge import Centrifuge, directions, felt_vector, positions
+from inercal.benches.arm import directions, felt_vector
+from inercal.benches.centrifuge import Centrifuge, positions
 from inercal.benches.simulate import Performance
 from inercal.frames import exp_so3
 from inercal.motion import Motion

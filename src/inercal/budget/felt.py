@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches import Centrifuge, Hand
-from inercal.benches.centrifuge import felt_vector
+from inercal.benches.arm import felt_vector
 from inercal.benches.hand import felt, tilted
 from inercal.errors import InputError
 from inercal.motion import Motion

@@ -13,7 +13,7 @@ from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
 from inercal.benches import Centrifuge, Hand
-from inercal.benches.centrifuge import felt_vector
+from inercal.benches.arm import felt_vector
 from inercal.motion import Motion
 from inercal.pipeline import Outcome
 from inercal.plan import Hold, Spin, Step, Turn, direction

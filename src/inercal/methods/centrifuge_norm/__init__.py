@@ -21,7 +21,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.centrifuge import Centrifuge, felt_norm
+from inercal.benches.arm import felt_norm
+from inercal.benches.centrifuge import Centrifuge
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate, Gaussian, least_squares
 from inercal.methods._base import Method

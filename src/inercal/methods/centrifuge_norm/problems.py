@@ -15,15 +15,10 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.centrifuge import (
-    Centrifuge,
-    FeltNorm,
-    FeltVector,
-    felt_norm,
-    felt_vector,
-)
-from inercal.errors import NotObserved
-from inercal.estimate import Gauge, Gaussian, Problem
+from inercal.benches.arm import FeltNorm, FeltVector, felt_norm, felt_vector
+from inercal.benches.centrifuge import Centrifuge
+from inercal.estimate import Gaussian, Problem
+from inercal.methods.centrifuge_norm.gauge import gauges, known_nulls, require_gauge
 from inercal.motion import Motion
 from inercal.observe import NoisyNorm, noisy_norm, vector
 from inercal.parameters import Parameter
@@ -35,7 +30,6 @@ Array = NDArray[np.float64]
 _Result = TypeVar("_Result")
 _ROUNDING = 2.0**-50  # of a norm, by the few operations that give it
 _NATURAL = {"m/s²": G0, "m": 1.0, "(m/s²)⁻¹": 1 / G0, "1": 1.0, "rad": 1.0, "rad/s": 1.0}
-_ROTATION = "rotation of the triad"
 
 
 def problem(
@@ -116,10 +110,10 @@ def by_norm(
         noise=noise,
         scale=_scale(sensor, loose),
         priors=_priors(loose, priors),
-        gauges=_gauges(sensor),
+        gauges=gauges(sensor),
         wanted=sensor.coefficients,
         observations=observations.labels,
-        known_nulls=_known_nulls(sensor, p + len(loose)),
+        known_nulls=known_nulls(sensor, p + len(loose)),
         rounding=rounding,
     )
 
@@ -192,7 +186,7 @@ def by_vector(
         noise=noise if own else noise(start),
         scale=_scale(sensor, loose),
         priors=_priors(loose, priors),
-        gauges=_gauges(sensor),
+        gauges=gauges(sensor),
         wanted=sensor.coefficients,
         observations=labels,
         rounding=float(np.max(largest)) * _ROUNDING,
@@ -209,73 +203,6 @@ def _kept(work: Callable[[Array], _Result]) -> Callable[[Array], _Result]:
         return last[0][1]
 
     return result
-
-
-def require_gauge(sensor: Sensor, priors: Sequence[Gaussian]) -> None:
-    """Refuse rotations of the triad: no norm sees them.
-
-    In the reference form they show through the nonlinear terms alone, which bend along other axes;
-    that is no measurement of an angle, and it is not taken for one.
-
-    Raises
-    ------
-    NotObserved
-        Naming the rotations and the misalignments.
-    """
-    if sensor.frame == "symmetric":
-        return
-    told = {name for prior in priors for name in prior.names}
-    free = [
-        (axis, names)
-        for axis, names in zip("xyz", _rotations(sensor), strict=True)
-        if len(names) > 1 and set(names) <= set(sensor.coefficients) and not set(names) & told
-    ]
-    if free:
-        words = tuple(f"{_ROTATION} about {axis} ({' + '.join(names)})" for axis, names in free)
-        raise NotObserved(
-            f"norms see no {'; no '.join(words)}: choose nonorthogonality, "
-            'or state the frame, [sensor] frame = "symmetric", or give a prior',
-            words,
-        )
-
-
-def _rotations(sensor: Sensor) -> list[list[str]]:
-    """Return the misalignments that a rotation of the triad about x, y and z consists of."""
-    return [
-        [
-            f"{axis.name}.{name}"
-            for axis in sensor.axes
-            for name, about in (("delta_o", axis.frame[2]), ("delta_p", axis.frame[1]))
-            if abs(about[k]) > 1 - 1e-9
-        ]
-        for k in range(3)
-    ]
-
-
-def _rotation_rows(sensor: Sensor, p: int) -> Array:
-    """Return the misalignments of a rotation about x, y and z, one row each, (3, p)."""
-    rows = np.zeros((3, p))
-    for axis in sensor.axes:
-        for name, about in (("delta_o", axis.frame[2]), ("delta_p", axis.frame[1])):
-            full = f"{axis.name}.{name}"
-            if full in sensor.coefficients:
-                rows[:, sensor.coefficients.index(full)] = about
-    return rows
-
-
-def _known_nulls(sensor: Sensor, size: int):
-    rows = _rotation_rows(sensor, size)
-    return ((_ROTATION, rows),) if np.linalg.matrix_rank(rows) == 3 else ()
-
-
-def _gauges(sensor: Sensor) -> tuple[Gauge, ...]:
-    """Return the gauge that makes the matrix of the misalignments symmetric, where it is asked."""
-    if sensor.frame != "symmetric":
-        return ()
-    names = tuple(n for n in sensor.coefficients if n.partition(".")[2] in ("delta_o", "delta_p"))
-    rows = _rotation_rows(sensor, len(sensor.coefficients))
-    columns = [sensor.coefficients.index(name) for name in names]
-    return (Gauge("symmetric misalignments", names, rows[:, columns], np.zeros(3)),)
 
 
 def _split(declared: Mapping[str, Parameter]) -> tuple[dict[str, Parameter], dict[str, Array]]:
