@@ -187,6 +187,8 @@ def test_a_saturated_dwell_is_left_out_and_said(tmp_path: Path):
         ([('arm_rate = "rpm"', 'arm_rate = "rpm"\narm_rate_unit = "V"')], ["arm_rate_unit"]),
         ([("[method]\n", '[method]\nalso = ["misalignment"]\n'), ("indexing", "#")],
          ["no rotation of the triad about x", "nonorthogonality"]),
+        ([('name = "SN 0417"', 'frame = "symmetric"'), ("indexing", "#")],
+         ["all misalignments of the triad"]),
         ([("[method]\n", '[method]\nestimator = "paper"\nalso = ["k3"]\n')], ["k0, k1 and k2"]),
     ],
 )  # fmt: skip

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.errors import NotObserved
+from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gauge, Gaussian
 from inercal.sensors import Sensor
 
@@ -77,10 +77,21 @@ def known_nulls(sensor: Sensor, size: int) -> tuple[tuple[str, Array], ...]:
 
 
 def gauges(sensor: Sensor) -> tuple[Gauge, ...]:
-    """Return the gauge that makes the matrix of the misalignments symmetric, where it is asked."""
+    """Return the gauge that makes the matrix of the misalignments symmetric, where it is asked.
+
+    Raises
+    ------
+    InputError
+        Asked for without all of the misalignments.
+    """
     if sensor.frame != "symmetric":
         return ()
     names = tuple(n for n in sensor.coefficients if n.partition(".")[2] in ("delta_o", "delta_p"))
+    if len(names) < 2 * len(sensor.axes):
+        raise InputError(
+            'frame "symmetric" takes all misalignments of the triad: choose misalignment, or leave '
+            "the frame out"
+        )
     rows = _rotation_rows(sensor, len(sensor.coefficients))
     columns = [sensor.coefficients.index(name) for name in names]
     return (Gauge("symmetric misalignments", names, rows[:, columns], np.zeros(3)),)
