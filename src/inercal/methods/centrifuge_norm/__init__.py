@@ -128,6 +128,26 @@ def series(
     return _closed("series", closed.series, observations, sensor, bench, steps, priors)
 
 
+def series_weighted(
+    observations: Observations,
+    sensor: Sensor,
+    bench: Centrifuge,
+    steps: Sequence[Spin],
+    priors: Sequence[Gaussian] = (),
+) -> Estimate:
+    """Return k0, k1 and k2 as `series` does, rows weighted by the noise of their squared norms."""
+    return _closed(
+        "series_weighted",
+        closed.series,
+        observations,
+        sensor,
+        bench,
+        steps,
+        priors,
+        weighted=True,
+    )
+
+
 def paper(
     observations: Observations,
     sensor: Sensor,
@@ -155,6 +175,8 @@ def _closed(
     bench: Centrifuge,
     steps: Sequence[Spin],
     priors: Sequence[Gaussian],
+    *,
+    weighted: bool = False,
 ) -> Estimate:
     if priors:
         raise InputError(f"estimator {name} takes no priors; use ml")
@@ -167,7 +189,7 @@ def _closed(
 
     def formulas(flat: Array) -> Array:
         y = flat.reshape(*flat.shape[:-1], *mean.shape)
-        return closed.coefficients(sensor, y, made.norm, invert)
+        return closed.coefficients(sensor, y, made.norm, invert, weighted=weighted)
 
     value, spread = propagate(formulas, mean.ravel(), observations.full_covariance)
     if not np.isfinite(value).all():
@@ -192,6 +214,6 @@ METHOD = Method(
     also={"f": ("k3", "koq", "nonorthogonality", "misalignment", "arm")},
     needs=("f",),
     plan=plan,
-    estimators={"ml": ml, "series": series, "paper": paper},
+    estimators={"ml": ml, "series": series, "series_weighted": series_weighted, "paper": paper},
     source="Wang and Li, Navigation Positioning and Timing 8(6), 2021; IEEE Std 836",
 )

@@ -55,7 +55,9 @@ def paper(c1: Array, c2: Array, c3: Array, c4: Array) -> tuple[Array, Array, Arr
         return scale, bias, -np.sign(c3) * np.sqrt(c4 * scale**4 / 5)  # (21)
 
 
-def coefficients(sensor: Sensor, y: Array, norm: Array, invert: Invert) -> Array:
+def coefficients(
+    sensor: Sensor, y: Array, norm: Array, invert: Invert, *, weighted: bool = False
+) -> Array:
     """Return k0, k1, k2 of each axis in the sensor's order, (..., 9) SI.
 
     Parameters
@@ -68,8 +70,12 @@ def coefficients(sensor: Sensor, y: Array, norm: Array, invert: Invert) -> Array
         What was felt, m/s².
     invert : callable
         `series` or `paper`.
+    weighted : bool
+        Weigh each row by 1/n: equal noise of all readings makes 2nσ of the squared norm.
     """
     rows, target = design(y / G0), (norm / G0) ** 2
+    if weighted:
+        rows, target = rows * (G0 / norm)[:, None], target * (G0 / norm)
     size = np.linalg.norm(rows, axis=-2, keepdims=True)
     q, r = np.linalg.qr(rows / size)
     right = np.swapaxes(q, -1, -2) @ target[:, None]
