@@ -1,6 +1,7 @@
 """Run files on a centrifuge, from the file to the verdict; what is wrong is said in one line."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,10 +9,13 @@ import pytest
 from tests.accuracy.centrifuge import PAPER_G, Triad
 
 from inercal.benches import Centrifuge
+from inercal.budget.of_run import experiment_of
 from inercal.calibration.files import save
 from inercal.errors import InercalError, InputError, NotObserved
 from inercal.io.write import write_recording
+from inercal.methods.centrifuge_norm.screening import screen
 from inercal.pipeline import Outcome, calibrate, named_as_in, simulate
+from inercal.plan import Spin
 from inercal.report import write_report
 from inercal.runfile import read
 
@@ -140,19 +144,60 @@ def test_lever_arms_of_an_arm_run_are_found(tmp_path: Path):
         assert outcome.calibration.uncertainty(name) < 1e-4
 
 
+PRIOR = ("turns = 10", 'turns = 10\nprior_file = "static.calibration.json"')
+
+
 def test_a_static_calibration_is_a_prior(tmp_path: Path):
     at_rest = simulated(tmp_path)
-    save(at_rest.calibration, tmp_path / "static.calibration.json")
-    twice = calibrate(
-        changed(
-            tmp_path,
-            "arm_run",
-            ("turns = 10", 'turns = 10\nprior_file = "static.calibration.json"'),
-        )
-    )
+    # As if a static test had found the same with the same uncertainty.
+    static = replace(at_rest.calibration, method="six_position")
+    save(static, tmp_path / "static.calibration.json")
+    twice = calibrate(changed(tmp_path, "arm_run", PRIOR))
     for name in ("ax.k0", "ay.k1"):
         ratio = twice.calibration.uncertainty(name) / at_rest.calibration.uncertainty(name)
         assert 0.65 < ratio < 0.8  # two equal measurements: 1/√2
+
+
+def test_a_prior_of_another_sensor_or_of_the_same_data_is_refused(tmp_path: Path):
+    found = simulated(tmp_path).calibration
+    path = tmp_path / "static.calibration.json"
+    run = changed(tmp_path, "arm_run", PRIOR)
+    for calibration, words in (
+        (found, "was made on a centrifuge"),
+        (
+            replace(found, method="six_position", sensor=replace(found.sensor, name="B")),
+            "is of 'B'",
+        ),
+    ):
+        save(calibration, path)
+        with pytest.raises(InputError, match=words):
+            read(run)
+    path.unlink()
+    with pytest.raises(InputError, match="static"):
+        read(run)
+
+
+def test_drift_that_the_sensor_states_is_in_the_uncertainty(tmp_path: Path):
+    """Each attitude's dwells share it: χ² was 4 to 6 times its degrees of freedom without."""
+    drifting = ('white = "20 µg/√Hz"', 'white = "20 µg/√Hz"\nbias_instability = "30 µg"')
+    ratios: list[float] = []
+    for seed in range(6):
+        outcome = simulated(tmp_path, drifting, seed=seed)
+        ratios.append(float(outcome.estimate.chi2) / outcome.estimate.dof)
+    assert 0.7 < np.mean(ratios) < 1.4, ratios
+
+
+def test_one_bad_azimuth_is_the_only_suspect(tmp_path: Path):
+    run = read(changed(tmp_path, "arm_run", (LEAN, f'{LEAN}\nplatform = "counter-rotating"')))
+    assert isinstance(run.bench, Centrifuge)
+    write_recording(named_as_in(run, simulate(run, 2)), run.file(run.data.file))
+    outcome = calibrate(run)
+    spins = [step for step in outcome.steps if isinstance(step, Spin)]
+    mean = outcome.observations.mean.copy()
+    mean[37, 0] += 0.5
+    seen = replace(outcome.observations, mean=mean)
+    (suspect,) = screen(seen, run.sensor, run.bench, spins)
+    assert suspect.row == 37
 
 
 def test_one_rate_in_half_a_circle_is_refused_and_all_round_accepted(tmp_path: Path):
@@ -187,6 +232,14 @@ def test_a_saturated_dwell_is_left_out_and_said(tmp_path: Path):
         ([('arm_rate = "rpm"', 'arm_rate = "rpm"\narm_rate_unit = "V"')], ["arm_rate_unit"]),
         ([("[method]\n", '[method]\nalso = ["misalignment"]\n'), ("indexing", "#")],
          ["no rotation of the triad about x", "nonorthogonality"]),
+        ([('tilt = "2 ″"', 'tilt = "80 °"')], ["[bench] tilt", "1°"]),
+        ([('arm_rate = "rpm"', 'arm_rate = "rpm"\narm_rate_unit = "0 rpm"')],
+         ["arm_rate_unit", "positive"]),
+        ([('arm_rate = "rpm"', 'arm_rate = "rpm"\nseconds = "rpm"')], ["[data] seconds"]),
+        ([("[method]\n", '[method]\nalso = ["ax.delta_o"]\n'), ("indexing", "#"),
+          ('name = "SN 0417"', 'frame = "symmetric"')], ["all misalignments of the triad"]),
+        ([("[method]\n", '[method]\nalso = ["nonorthogonality"]\n'), ("indexing", "#"),
+          ('name = "SN 0417"', 'frame = "symmetric"')], ["all misalignments of the triad"]),
         ([('name = "SN 0417"', 'frame = "symmetric"'), ("indexing", "#")],
          ["all misalignments of the triad"]),
         ([("[method]\n", '[method]\nestimator = "paper"\nalso = ["k3"]\n')], ["k0, k1 and k2"]),
@@ -216,6 +269,44 @@ def test_a_bad_row_is_named(tmp_path: Path, row: str, words: list[str]):
     with pytest.raises(InputError) as error:
         calibrate(path)
     assert all(word in str(error.value) for word in words), str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (('rates = ["60 rpm", "120 rpm", "180 rpm"]', "rates = []"), ["[method] rates"]),
+        (
+            ('attitudes = "full-circle"', 'attitudes = "x"'),
+            ["[method] attitudes 'x'", "half-circle"],
+        ),
+        (('rates = ["60 rpm", "120 rpm", "180 rpm"]', 'rates = ["9e6 rpm"]'), ["samples"]),
+    ],
+)
+def test_a_plan_that_cannot_be_is_one_line(
+    tmp_path: Path, change: tuple[str, str], words: list[str]
+):
+    with pytest.raises(InputError) as error:
+        simulate(changed(tmp_path, "arm_run", change))
+    assert all(word in str(error.value) for word in words), str(error.value)
+
+
+def test_attitudes_of_a_recording_are_its_positions(tmp_path: Path):
+    outcome = simulated(
+        tmp_path,
+        (LEAN, f'{LEAN}\nindexing = "0.05 °"'),
+        ('arm_rate = "rpm"', 'arm_rate = "rpm"\nattitude = ["psi", "theta"]'),
+    )
+    indexed = {name for name in outcome.estimate.names if name.startswith("index_x")}
+    assert len(indexed) == 20
+
+
+def test_a_budget_is_of_a_plan_and_of_a_locked_platform(tmp_path: Path):
+    with pytest.raises(InputError, match="of a plan, not of a table"):
+        experiment_of(read(EXAMPLES / "lab.toml"))
+    still = changed(tmp_path, "arm_run", (LEAN, f'{LEAN}\nplatform = "counter-rotating"'))
+    with pytest.raises(InputError, match="counter-rotating"):
+        experiment_of(read(still))
+    assert len(experiment_of(read(EXAMPLES / "arm_run.toml")).steps) == 60
 
 
 def test_keys_of_a_centrifuge_are_refused_elsewhere(tmp_path: Path):

@@ -61,6 +61,8 @@ def record(
         up = np.array([lean[0], lean[1], 1.0])
         ground = -(felt**2)[:, None] * outwards + np.gradient(spin, 1 / fs)[:, None] * forwards
         ground = ground + PAPER_G * up / np.linalg.norm(up)
+        # Coriolis' acceleration 2 Ω × v of the earth's level rate, north along y.
+        ground[:, 2] += 2 * EARTH * cos(latitude) * spin * np.sin(swept)
         out = np.array([cos(psi) * cos(theta), sin(psi), cos(psi) * sin(theta)])
         top = np.array([sin(theta), 0.0, -cos(theta)])
         body = np.stack([out, np.cross(top, out), top])  # rows: outwards, forwards, up

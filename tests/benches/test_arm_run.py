@@ -44,7 +44,7 @@ def test_a_clockwise_arm_turns_the_sensor_the_other_way():
 
 
 def test_a_platform_that_turns_back_sees_the_arm_go_round():
-    still = replace(EXACT, platform="counter-rotating")
+    still = replace(EXACT, platform="counter-rotating", latitude=Measured(pi / 2, 0.0))
     step = replace(STEPS[0], rate=2 * pi, seconds=4.0)
     done, said = perform_on_arm(still, [step], FS, np.random.default_rng(1))
     assert np.all(done.motion.w == 0)

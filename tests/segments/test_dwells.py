@@ -6,7 +6,7 @@ from math import pi
 import numpy as np
 import pytest
 from tests.accuracy.arm_runs import Run, record
-from tests.accuracy.centrifuge import PAPER_G, RATES, Triad, full_circle
+from tests.accuracy.centrifuge import EARTH, PAPER_G, RATES, Triad, full_circle
 
 from inercal.errors import InputError
 from inercal.recording import Finding, Recording
@@ -80,7 +80,8 @@ def test_noise_of_the_means_is_that_of_independent_samples():
 
 
 def test_a_platform_that_turns_back_gives_the_curve_at_five_azimuths():
-    run = a_run(noise=0.0, locked=False)
+    # At a pole: elsewhere the earth's level rate swings the norm by some µg.
+    run = a_run(noise=0.0, locked=False, latitude=pi / 2)
     made = recording(run)
     dwells, _ = find_dwells(made)
     seen, steps = average_dwells(made, sensor(), dwells, harmonics=2)
@@ -91,7 +92,7 @@ def test_a_platform_that_turns_back_gives_the_curve_at_five_azimuths():
     output = sensor().to_output(seen.mean)
     u = (output - DEVICE.bias) / DEVICE.scale
     f = 2 * u / (1 + np.sqrt(1 + 4 * DEVICE.bend * u))
-    a = np.repeat([dwell.rate for dwell in dwells], 5) ** 2 / PAPER_G
+    a = (np.repeat([dwell.rate for dwell in dwells], 5) + EARTH) ** 2 / PAPER_G
     assert np.linalg.norm(f, axis=1) == pytest.approx(np.hypot(a, 1), rel=1e-7)
 
 
@@ -105,6 +106,43 @@ def test_rows_at_azimuths_scatter_as_stated():
         sd = np.sqrt(np.diagonal(seen.covariance, axis1=1, axis2=2))
         whitened.append((seen.mean - mean) / sd)
     assert np.mean(np.square(whitened)) == pytest.approx(1, abs=0.06)
+
+
+def test_a_rate_that_creeps_is_left_out_and_said():
+    """Over a long dwell 0.15 % a second stays below what a window shows, and adds up."""
+    run = a_run(turns=40)
+    made = recording(run)
+    first = find_dwells(made)[0][0].mark
+    creeping = run.rate.copy()
+    inside = slice(first.start, first.stop)
+    creeping[inside] *= 1 + 1.5e-3 * (made.time[inside] - made.time[first.start])
+    dwells, left_out = find_dwells(recording(run, readback={"arm_rate": creeping}))
+    assert first.start not in [dwell.mark.start for dwell in dwells]
+    assert "the rate creeps by" in left_out[0].message
+
+
+def test_attitudes_read_back_are_those_of_positions():
+    run = a_run()
+    noise = 1e-5 * np.random.default_rng(2).standard_normal((2, run.time.size))
+    own = np.unique(run.position, return_inverse=True)[1]
+    psi, theta = (np.array([angles[k] for angles in full_circle()[:3]])[own] for k in (0, 1))
+    said = {"arm_rate": run.rate, "psi": psi + noise[0], "theta": theta + noise[1]}
+    dwells, _ = find_dwells(recording(run, readback=said))
+    assert len({dwell.attitude for dwell in dwells}) == 3
+
+
+def test_noise_of_all_rates_is_shared_by_its_density():
+    """A few turns at each rate: a turn at 180 rpm is a third as long as one at 60 rpm."""
+    ratios: list[list[float]] = []
+    for seed in range(40):
+        made = recording(a_run(seed, turns=4))
+        dwells, _ = find_dwells(made)
+        seen, _ = average_dwells(made, sensor(), dwells)
+        sd = 1e-4 * PAPER_G / 1.25 / np.sqrt(seen.samples)
+        variance = np.diagonal(seen.covariance, axis1=1, axis2=2).mean(axis=1)
+        ratios.append((variance / sd**2).tolist())
+    by_rate = np.mean(ratios, axis=0).reshape(3, 3).mean(axis=0)
+    assert by_rate == pytest.approx([1, 1, 1], abs=0.08)
 
 
 def test_gaps_cut_and_flaws_leave_out():

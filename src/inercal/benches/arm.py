@@ -12,9 +12,10 @@ with R the static radius, s the arm's stretch, ω the rate against the ground as
 counter-clockwise seen from above, ρ its relative error, Ω sin φ the earth's rate along the spindle.
 
 The spindle leans by λ₁ where the arm's azimuth α is 0 and by λ₂ where it is 90°: this adds
-λ₁ cos α + λ₂ sin α to τ, which over whole turns is not felt. On a platform that turns against the
-arm the sensor keeps its attitude to the ground and feels the arm go round: one row of observations
-is then one azimuth, and the lean counts.
+λ₁ cos α + λ₂ sin α to τ. The earth's level rate e adds 2 e ω R to gravity once a turn (Coriolis),
+the same as a tilt of 2 (e₁ cos α + e₂ sin α)/ω. Over whole turns neither is felt. On a platform
+that turns against the arm the sensor keeps its attitude to the ground and feels the arm go round:
+one row of observations is then one azimuth, and both count.
 
 The body is turned from its nominal attitude by mounting angles m of the whole run and, within
 them, by the indexing errors e of each attitude: v_body = exp(m) exp(e) v_nominal. No norm feels it.
@@ -87,10 +88,16 @@ def _arm(bench: Centrifuge, steps: Sequence[Spin], q: Mapping[str, Array]) -> _A
     turned = w * (1 + rate + own["dwell_rate"]) + up
     by_turned = 2 * radius * grown * turned
     cosine, sine = np.array([_level(step, bench.sense) for step in steps]).T
-    lean = [q.get(name, zero)[..., None] for name in ("lean1", "lean2")]
+    lean, level = (
+        [q.get(f"{name}{k}", zero)[..., None] for k in (1, 2)] for name in ("lean", "level")
+    )
+    coriolis = 2 / np.where(w == 0, np.inf, w)
     return _Arm(
         a=radius * grown * turned**2,
-        tilt=tilt + own["dwell_tilt"] + lean[0] * cosine + lean[1] * sine,
+        tilt=tilt
+        + own["dwell_tilt"]
+        + (lean[0] + coriolis * level[0]) * cosine
+        + (lean[1] + coriolis * level[1]) * sine,
         turned=turned,
         turned_by={"rate": w, "dwell_rate": w, earth: by_place},
         a_by={
@@ -100,7 +107,14 @@ def _arm(bench: Centrifuge, steps: Sequence[Spin], q: Mapping[str, Array]) -> _A
             "dwell_rate": by_turned * w,
             earth: by_turned * by_place,
         },
-        tilt_by={"tilt": np.ones(1), "dwell_tilt": np.ones(1), "lean1": cosine, "lean2": sine},
+        tilt_by={
+            "tilt": np.ones(1),
+            "dwell_tilt": np.ones(1),
+            "lean1": cosine,
+            "lean2": sine,
+            "level1": coriolis * cosine,
+            "level2": coriolis * sine,
+        },
     )
 
 

@@ -81,6 +81,11 @@ def perform_on_arm(
     return Performance(time, motion, np.array(labels), drawn), readback
 
 
+def seconds_on_arm(step: Spin) -> float:
+    """Return how long a step lasts at most, from rest to rest."""
+    return step.seconds + _SETTLING + 2 * (_REST + abs(step.rate) / SPIN_UP)
+
+
 def _angles(step: Spin) -> tuple[float, float]:
     """Return ψ and θ of the two-axis head."""
     (out,), (up,) = directions([step])
@@ -136,13 +141,16 @@ def _felt(
     g = drawn["g"][:, None]
     swing = -(g * outwards)[..., None] * (body @ out)[:, None]
     swing -= (g * forwards)[..., None] * (body @ along)[:, None]
+    coriolis = drawn["level1"][:, None] * cosine + drawn["level2"][:, None] * sine
+    upwards = -2 * bench.sense * rate * bench.radius.value * coriolis
+    swing += upwards[..., None] * (body @ up)[:, None]
     tangential = bench.radius.value * np.gradient(rate, dt) * bench.sense
     f = f + swing + tangential[:, None] * (body @ along)[:, None]
     if bench.platform == "locked":
         return f, w
     # The body stays, and the arm goes round: every vector turns back about `up` by the azimuth.
-    about = (body @ up)[:, None]
-    return _turned(f, about, azimuth), np.zeros_like(f)
+    back = exp_so3((body @ up)[:, None] * azimuth[:, None])
+    return (back @ f[..., None])[..., 0], np.zeros_like(f)
 
 
 def _steady(step: Spin) -> Spin:
@@ -152,11 +160,3 @@ def _steady(step: Spin) -> Spin:
 def _name(drawn: dict[str, Array], steps: Sequence[Spin]) -> str:
     """Return the name by which the indexing of this attitude was drawn."""
     return next(step.label for step in steps if f"index_x[{step.label}]" in drawn)
-
-
-def _turned(vectors: Array, axis: Array, angle: Array) -> Array:
-    """Return vectors, (trials, n, 3), turned by angles, (n,), about axes (Rodrigues)."""
-    cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
-    axis = np.broadcast_to(axis, vectors.shape)
-    along = axis * (axis * vectors).sum(-1, keepdims=True)
-    return along + (vectors - along) * cosine + np.cross(axis, vectors) * sine

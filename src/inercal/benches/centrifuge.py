@@ -5,7 +5,7 @@ What its arm makes a sensor feel stands in `inercal.benches.arm`.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import sqrt
+from math import cos, sqrt
 from typing import Literal
 
 from inercal.earth import EARTH_RATE
@@ -73,8 +73,12 @@ class Centrifuge:
         earth = Parameter(
             "earth_up", "rad/s", EARTH_RATE / sqrt(3), "run", 0.0, "earth rate along the spindle"
         )
+        level = EARTH_RATE / sqrt(3)
         if (place := self.latitude) is not None:
             earth = Parameter("latitude", "rad", place.sd, "run", place.value, "latitude")
+            level = EARTH_RATE * cos(place.value) / sqrt(2)  # where north is, is not known
+        # Over whole turns of an arm that the sensor is locked to it is not felt.
+        level *= self.platform != "locked"
         indexing = self.indexing or 0.0
         return (
             Parameter("g", "m/s²", g.sd, "run", g.value, "local gravity"),
@@ -85,6 +89,8 @@ class Centrifuge:
             Parameter("lean1", "rad", self.lean, "run", 0.0, "lean of the spindle"),
             Parameter("lean2", "rad", self.lean, "run", 0.0, "lean of the spindle"),
             earth,
+            Parameter("level1", "rad/s", level, "run", 0.0, "earth rate, level"),
+            Parameter("level2", "rad/s", level, "run", 0.0, "earth rate, level"),
             *(
                 Parameter(f"mount_{a}", "rad", self.mounting, "run", 0.0, f"mounting about {a}")
                 for a in "xyz"

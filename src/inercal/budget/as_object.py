@@ -29,6 +29,10 @@ def as_object(budget: Budget) -> dict[str, Any]:
     return {
         "schema": SCHEMA,
         "sensor": sensor.name,
+        "plan": [
+            {"label": step.label, "what": step.in_words(), "seconds": step.seconds}
+            for step in budget.experiment.steps
+        ],
         "trials": budget.trials,
         "seed": budget.seed,
         "imperfections": [

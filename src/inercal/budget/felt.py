@@ -33,6 +33,10 @@ def require_possible(bench: Bench, steps: Sequence[Step]) -> None:
     spun = isinstance(bench, Centrifuge)
     if any(isinstance(step, Spin) != spun for step in steps):
         raise InputError("the plan's steps are for another bench than the one that is stated")
+    if isinstance(bench, Centrifuge) and bench.platform != "locked":
+        raise InputError(
+            "a budget of a counter-rotating platform is not there: simulate its runs instead"
+        )
     if any(isinstance(step, Spin) and step.attitude is None for step in steps):
         raise InputError(
             "a budget needs a plan with attitudes ([method] attitudes and rates): a table of means "

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.benches import Centrifuge
 from inercal.budget.experiment import Experiment
 from inercal.budget.felt import require_possible
 from inercal.errors import InputError
@@ -31,6 +32,11 @@ def experiment_of(run: Run) -> Experiment:
         raise InputError(
             f"{run.path}: a budget needs a plan with attitudes; method {run.method.name} finds "
             "them in the recording, and inercal plan rehearses it"
+        )
+    if isinstance(run.bench, Centrifuge) and run.data.kind == "means" and not run.planned:
+        raise InputError(
+            f"{run.path}: a budget is of a plan, not of a table: state [method] attitudes, rates "
+            "or turns"
         )
     try:
         require_possible(run.bench, run.steps)

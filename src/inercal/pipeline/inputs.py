@@ -133,6 +133,8 @@ def arm_units(run: Run) -> dict[str, float]:
         size = parse(rate, "rad/s").value if sized else factor(rate, "rad/s")
     except InputError as error:
         raise InputError(f"{key}: {error}") from None
+    if size <= 0:
+        raise InputError(f"{key}: {rate!r} must be positive")
     angle = si_value(f"1 {run.data.attitude_unit}", "°", f"{run.path}: [data] attitude_unit")
     return {"arm_rate": size, "psi": angle, "theta": angle}
 

@@ -33,7 +33,17 @@ def gather(run: Run, bench: Centrifuge) -> Gathered:
     InputError
         The data cannot be used.
     """
-    known = bench.indexing is not None or any(".arm_" in name for name in run.sensor.coefficients)
+    arms = any(".arm_" in name for name in run.sensor.coefficients)
+    if arms and bench.platform != "locked":
+        raise InputError(
+            f"{run.path}: [method] also: no lever arm acts on a counter-rotating platform; leave "
+            "arm out"
+        )
+    if run.data.seconds is not None:
+        raise InputError(
+            f"{run.path}: [data] seconds: dwells on the arm are over whole turns; leave it out"
+        )
+    known = bench.indexing is not None or arms
     if known and run.data.attitude is None:
         raise InputError(
             f"{run.path}: [data] attitude is missing: lever arms and [bench] indexing need the "
@@ -55,11 +65,8 @@ def _table(run: Run, bench: Centrifuge) -> Gathered:
         )
     named, units = arm_columns(run), arm_units(run)
     wanted = columns(run)
-    extra = [*named.values()]
-    if run.data.seconds is not None:
-        extra.append(str(run.data.seconds))
     path = run.file(run.data.file)
-    table = read_columns(path, wanted, extra)
+    table = read_columns(path, wanted, list(named.values()))
     said = {name: table.numbers(column) * units[name] for name, column in named.items()}
     for name, values in said.items():
         bad = np.flatnonzero(~np.isfinite(values) | ((values == 0) & (name == "arm_rate")))
@@ -79,12 +86,8 @@ def _table(run: Run, bench: Centrifuge) -> Gathered:
     else:
         names = [_plain(value) for value in table.columns[wanted.label].tolist()]
     labels = tuple(f"{name} at {rate}" for name, rate in zip(names, shown, strict=True))
-    seconds = np.zeros(len(labels))
-    if run.data.seconds is not None:
-        seconds = table.numbers(str(run.data.seconds))
-    observations = means_of(
-        path, table, labels, wanted, run.sensor, stated_sd(run), np.where(seconds, seconds, 1.0)
-    )
+    durations = np.ones(len(labels))  # nothing depends on them
+    observations = means_of(path, table, labels, wanted, run.sensor, stated_sd(run), durations)
     attitudes = [None] * len(labels)
     if "psi" in said:
         attitudes = [
@@ -92,10 +95,8 @@ def _table(run: Run, bench: Centrifuge) -> Gathered:
             for psi, theta in zip(said["psi"].tolist(), said["theta"].tolist(), strict=True)
         ]
     steps = tuple(
-        Spin(label, rate, length, attitude)
-        for label, rate, length, attitude in zip(
-            labels, rates.tolist(), seconds.tolist(), attitudes, strict=True
-        )
+        Spin(label, rate, 0.0, attitude)
+        for label, rate, attitude in zip(labels, rates.tolist(), attitudes, strict=True)
     )
     return Gathered(None, (), observations, steps, steps, (), _conditions(bench))
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from inercal.benches import Hand
-from inercal.benches.arm_run import perform_on_arm
+from inercal.benches.arm_run import perform_on_arm, seconds_on_arm
 from inercal.benches.simulate import perform
 from inercal.errors import InputError
 from inercal.motion import Motion
@@ -39,7 +39,10 @@ def simulate(run: Run | str | Path, seed: int = 0, trials: int | None = None) ->
     run = run if isinstance(run, Run) else read(run)
     if run.rate_hz is None:
         raise InputError(f"{run.path}: [data] rate is missing; a simulation needs it")
-    samples = run.rate_hz * sum(step.seconds for step in run.steps) * (trials or 1)
+    lasting = sum(
+        seconds_on_arm(step) if isinstance(step, Spin) else step.seconds for step in run.steps
+    )
+    samples = run.rate_hz * lasting * (trials or 1)
     if samples > _MOST_SAMPLES:
         raise InputError(
             f"{run.path}: {samples:.2g} samples are more than a simulation holds in memory, "

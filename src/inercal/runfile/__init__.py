@@ -20,7 +20,7 @@ from inercal.benches import Centrifuge, Hand
 from inercal.calibration.files import load
 from inercal.errors import InputError
 from inercal.estimate import Gaussian
-from inercal.methods import Method, method
+from inercal.methods import Method, centrifuge_norm, method
 from inercal.plan import Step
 from inercal.runfile.build import build_bench, build_sensor, coefficient_value, si_value
 from inercal.runfile.schema import (
@@ -70,6 +70,8 @@ class Run:
     rate_hz : float or None
     time_offset : bool
         Whether the gyros' delay is asked for.
+    planned : bool
+        Whether [method] says something of the plan.
     """
 
     path: Path
@@ -84,6 +86,7 @@ class Run:
     priors: tuple[Gaussian, ...]
     rate_hz: float | None
     time_offset: bool = False
+    planned: bool = False
 
     @cached_property
     def steps(self) -> tuple[Step, ...]:
@@ -94,7 +97,10 @@ class Run:
         InputError
             No plan with what the run file says of it.
         """
-        return self.plan()
+        try:
+            return self.plan()
+        except InputError as error:
+            raise InputError(f"{self.path}: [method] {error}") from None
 
     def file(self, name: str) -> Path:
         """Return the path of a file named in the run file."""
@@ -191,6 +197,7 @@ def _build(path: Path, digest: str, schema: RunSchema) -> Run:
         priors=tuple(priors),
         rate_hz=rate,
         time_offset=schema.method.time_offset,
+        planned=any(getattr(schema.method, key) is not None for key, _, _ in _PLAN),
     )
 
 
@@ -217,6 +224,17 @@ def _static(path: Path, sensor: Sensor) -> Gaussian:
     """
     key = "[method] prior_file"
     known = load(path)
+    if known.method == centrifuge_norm.METHOD.name:
+        raise InputError(
+            f"{key}: {path.name} was made on a centrifuge; give a calibration made at rest"
+        )
+    if known.sensor.name != sensor.name:
+        raise InputError(
+            f"{key}: {path.name} is of {known.sensor.name!r}, not of {sensor.name!r} "
+            "([sensor] name)"
+        )
+    # In the two forms k1 means different things beside misalignments.
+    known = known.in_form(sensor.form)
     names = tuple(
         name
         for name in sensor.coefficients

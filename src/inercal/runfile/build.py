@@ -14,6 +14,7 @@ from inercal.units import Measured, factor, parse
 
 _QUANTITY = {"accelerometer": "m/s²", "gyro": "rad/s"}
 _EXAMPLE = {"accelerometer": "2048 {}/g", "gyro": "16.4 {}/(°/s)"}
+_LARGEST_TILT = 0.0175  # rad
 _COUNTS = ("LSB", "V")  # an output that is no acceleration or rate: it needs a scale
 
 
@@ -119,10 +120,10 @@ def _centrifuge(section: CentrifugeSection) -> Centrifuge:
         latitude=latitude,
         stretch=measured(section.stretch, "1/(m/s²)", "[bench] stretch"),
         rate=_deviation(section, "rate_error", "1"),
-        tilt=_deviation(section, "tilt", "°"),
-        lean=_deviation(section, "lean", "°"),
+        tilt=_small(section, "tilt"),
+        lean=_small(section, "lean"),
         dwell_rate=_deviation(section, "dwell_rate", "1"),
-        dwell_tilt=_deviation(section, "dwell_tilt", "°"),
+        dwell_tilt=_small(section, "dwell_tilt"),
         platform=section.platform,
         mounting=_deviation(section, "mounting", "°"),
         indexing=None if section.indexing is None else _deviation(section, "indexing", "°"),
@@ -136,6 +137,16 @@ def _deviation(section: HandSection | CentrifugeSection, name: str, like: str) -
     value = si_value(text, like, f"[bench] {name}")
     if value < 0:
         raise InputError(f"[bench] {name}: {text!r} must not be negative")
+    return value
+
+
+def _small(section: CentrifugeSection, name: str) -> float:
+    """Return a deviation that must be a small angle: tilts act to first order of their square."""
+    value = _deviation(section, name, "°")
+    if value > _LARGEST_TILT:
+        raise InputError(
+            f"[bench] {name}: {getattr(section, name)!r} is more than a centrifuge can lean, 1°"
+        )
     return value
 
 

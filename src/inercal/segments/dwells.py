@@ -1,10 +1,11 @@
 """Dwells of a centrifuge's arm: found by its steady rate, and averaged over whole turns.
 
 A recording of an arm run spins up, dwells, spins on or down. A dwell is where the rate that the
-bench reads back stays within a part in 500 over a second; it is cut to whole turns, so that what
-comes once a turn (the lean of the spindle) averages out. Turns are then the batches of its noise: a
-turn's mean holds no part of the turn, and the scatter of turns is the noise of the mean, whatever
-is correlated within one. Dwells at one rate share their noise, as vibration follows the rate.
+bench reads back stays within a part in 500; it is cut to whole turns, so that what comes once a
+turn (the lean of the spindle) averages out. Turns are then the batches of its noise: a turn's mean
+holds no part of the turn, and the scatter of turns is the noise of the mean, whatever is correlated
+within one; what lasts longer is drift, taken as the sensor's noise states it. Dwells at one rate
+share their noise, as vibration follows the rate.
 
 On a platform that turns against the arm the sensor feels the arm go round, and a nonlinear sensor
 answers with harmonics. Mean and harmonics up to the h-th of each turn are 2h + 1 numbers; they are
@@ -28,6 +29,7 @@ from inercal.plan import Attitude, Spin, on_arm
 from inercal.recording import Finding, Mark, Observations, Recording
 from inercal.segments.attitudes import FLAWS
 from inercal.segments.average import coarse_steps
+from inercal.segments.drift import drift_covariance
 from inercal.sensors import Sensor
 
 Array = NDArray[np.float64]
@@ -38,11 +40,12 @@ _TURNING = 0.02  # of the fastest rate; slower is at rest
 _SETTLE = 1.0  # s after the rate is reached
 _LEAST_TURNS = 3
 _ALIKE = 0.01  # relative difference of rates that count as one
+_SAME = 5e-4  # rad between the angles read back of one attitude
 
 
 @dataclass(frozen=True)
 class Dwell:
-    """Samples of whole turns at a steady rate, rad/s as read back."""
+    """Samples of whole turns at a steady rate: the root mean square as read back, rad/s, signed."""
 
     mark: Mark
     rate: float
@@ -79,10 +82,13 @@ def find_dwells(recording: Recording) -> tuple[tuple[Dwell, ...], tuple[Finding,
     for first, last in zip(edges[::2], edges[1::2], strict=True):
         inner = sorted({first, last, *(cut for cut in cuts if first < cut < last)})
         for start, stop in pairwise(inner):
-            dwell = _whole_turns(recording, start, stop, {d.mark.label for d in dwells})
+            dwell = _whole_turns(recording, start, stop, dwells)
             if dwell is None:
                 continue
+            inside = smooth[dwell.mark.start : dwell.mark.stop]
             flaw = _flaw(recording, dwell.mark)
+            if np.ptp(inside) > _STEADY * abs(dwell.rate):
+                flaw = f"the rate creeps by {1e6 * np.ptp(inside) / abs(dwell.rate):.0f} ppm"
             if flaw is None:
                 dwells.append(dwell)
             else:
@@ -98,30 +104,46 @@ def find_dwells(recording: Recording) -> tuple[tuple[Dwell, ...], tuple[Finding,
     return tuple(dwells), tuple(left_out)
 
 
-def _whole_turns(recording: Recording, start: int, stop: int, taken: set[str]) -> Dwell | None:
+def _whole_turns(
+    recording: Recording, start: int, stop: int, before: Sequence[Dwell]
+) -> Dwell | None:
     """Return what lies within steady samples in whole turns, once the arm has settled."""
     start += round(_SETTLE * recording.rate_hz)
     if stop - start < 2:
         return None
-    rate = float(recording.readback[ARM_RATE][start:stop].mean())
-    turn = 2 * pi / abs(rate) * recording.rate_hz  # samples
-    turns = int((stop - start) / turn)
+    rate = recording.readback[ARM_RATE][start:stop]
+    angle = np.abs(swept(rate, recording.time[start:stop]))
+    # The last sample ends its turn one step later.
+    turns = int((angle[-1] + angle[1]) / (2 * pi))
     if turns < _LEAST_TURNS:
         return None
-    stop = start + round(turns * turn)
-    inside = slice(start, stop)
+    stop = start + _reached(angle, [turns])[0]
+    rate = rate[: stop - start]
+    mean = float(np.copysign(np.sqrt(np.mean(rate**2)), rate.mean()))
     name = "" if recording.labels is None else str(recording.labels[start]).strip()
-    label = once = f"{name or 'dwell'} at {abs(rate) * 30 / pi:.4g} rpm"
+    label = once = f"{name or 'dwell'} at {abs(mean) * 30 / pi:.4g} rpm"
     k = 1
-    while label in taken:
+    while label in {dwell.mark.label for dwell in before}:
         k += 1
         label = f"{once} ({k})"
     attitude = None
     if PSI in recording.readback:
-        psi, theta = (float(recording.readback[angle][inside].mean()) for angle in (PSI, THETA))
-        attitude = on_arm(psi, theta)
-    rate = float(recording.readback[ARM_RATE][inside].mean())
-    return Dwell(Mark(label, start, stop), rate, turns, attitude)
+        psi, theta = (float(recording.readback[angle][start:stop].mean()) for angle in (PSI, THETA))
+        attitude = _known(on_arm(psi, theta), before)
+    return Dwell(Mark(label, start, stop), mean, turns, attitude)
+
+
+def _known(attitude: Attitude, before: Sequence[Dwell]) -> Attitude:
+    """Return the attitude as an earlier dwell had it: read back anew it differs in last digits.
+
+    Dwells in one attitude share the errors of its angles.
+    """
+    for dwell in before:
+        if dwell.attitude is not None and np.allclose(
+            (dwell.attitude.out, dwell.attitude.up), (attitude.out, attitude.up), atol=_SAME, rtol=0
+        ):
+            return dwell.attitude
+    return attitude
 
 
 def _flaw(recording: Recording, mark: Mark) -> str | None:
@@ -160,23 +182,31 @@ def average_dwells(
     """
     k = 2 * harmonics + 1
     columns = [recording.channels.index(name) for name in sensor.channels]
-    azimuth = sense * swept(recording.readback[ARM_RATE], recording.time)
+    angle = swept(recording.readback[ARM_RATE], recording.time)
     means: list[Array] = []
     scatters: list[Array] = []
     deviations: list[Array] = []
     for dwell in dwells:
         inside = slice(dwell.mark.start, dwell.mark.stop)
         y = sensor.to_si(recording.data[inside, columns])
-        by_turn = _by_turn(y, azimuth[inside], dwell.turns, harmonics)
+        by_turn = _by_turn(y, sense * angle[inside], dwell.turns, harmonics)
         means.append(by_turn.mean(axis=0))
         off = (by_turn - means[-1]).reshape(-1, y.shape[-1])
         scatters.append(off.T @ off)
         deviations.append(y.std(axis=0))
-    covariance, dof = _pooled(recording, dwells, scatters, k)
-    coarse = coarse_steps(recording.data, columns, sensor, np.stack(deviations))
     seconds = np.array([recording.span(d.mark.start, d.mark.stop) for d in dwells])
+    covariance, dof = _pooled(recording, dwells, seconds, scatters, k)
+    coarse = coarse_steps(recording.data, columns, sensor, np.stack(deviations))
     samples = np.array([d.mark.stop - d.mark.start for d in dwells])
     starts = np.array([recording.time[d.mark.start] for d in dwells])
+    drift = drift_covariance(
+        [axis.noise for axis in sensor.axes],
+        starts + seconds / 2 - recording.time[0],
+        seconds,
+        recording.duration,
+    )
+    if drift is not None:
+        drift = drift.repeat(k, axis=0).repeat(k, axis=1)
     steps = tuple(
         Spin(d.mark.label, d.rate, 0.0, d.attitude)
         if not harmonics
@@ -193,9 +223,16 @@ def average_dwells(
         time=np.repeat(starts + seconds / 2, k),
         channels=sensor.channels,
         dof=dof,
+        drift=drift,
         rounding=coarse,
     )
     return seen, steps
+
+
+def _reached(angle: Array, turns: Sequence[int]) -> list[int]:
+    """Return the samples at which an angle, (n,) rad from 0, has gone through whole turns."""
+    whole = 2 * pi * np.array(turns) - 0.5 * angle[1]
+    return [int(np.count_nonzero(angle < turn)) for turn in whole.tolist()]
 
 
 def swept(rate: Array, time: Array) -> Array:
@@ -206,7 +243,8 @@ def swept(rate: Array, time: Array) -> Array:
 
 def _by_turn(y: Array, azimuth: Array, turns: int, harmonics: int) -> Array:
     """Return the readings of each turn, (turns, 2h + 1, m): its mean, or its harmonics' curve."""
-    edges = np.round(np.linspace(0, len(y), turns + 1)).astype(int).tolist()
+    along = np.abs(azimuth - azimuth[0])
+    edges = [0, *_reached(along, range(1, turns)), len(y)]
     if harmonics == 0:
         return np.add.reduceat(y, edges[:-1])[:, None] / np.diff(edges)[:, None, None]
     # An error of 1e-6 in the rate read back turns the phase, and with it tens of g, from turn to
@@ -235,11 +273,16 @@ def _waves(azimuth: Array, harmonics: int) -> Array:
 
 
 def _pooled(
-    recording: Recording, dwells: Sequence[Dwell], scatters: Sequence[Array], rows: int
+    recording: Recording,
+    dwells: Sequence[Dwell],
+    seconds: Array,
+    scatters: Sequence[Array],
+    rows: int,
 ) -> tuple[Array, float]:
     """Return the covariance of each dwell's rows, (d, m, m), and the least degrees of freedom.
 
-    Dwells at one rate share the scatter of their turns; where they are too few all share it.
+    Dwells at one rate share the density of their noise, the scatter of turns times their length;
+    where they have too few turns all dwells share it.
     """
     m = scatters[0].shape[0]
     rates = np.array([abs(dwell.rate) for dwell in dwells])
@@ -254,5 +297,6 @@ def _pooled(
             f"{recording.source or 'recording'}: {int(turns.sum())} turns in {len(dwells)} dwells "
             f"do not tell the noise of {m} channels; dwell longer"
         )
-    total = np.einsum("de,eij->dij", alike, np.stack(scatters))
-    return total / (freedom * turns)[:, None, None], float(freedom.min())
+    densities = np.stack(scatters) * (seconds / turns)[:, None, None]
+    total = np.einsum("de,eij->dij", alike, densities)
+    return total / (freedom * seconds)[:, None, None], float(freedom.min())

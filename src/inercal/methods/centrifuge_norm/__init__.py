@@ -192,12 +192,13 @@ def _closed(
         return closed.coefficients(sensor, y, made.norm, invert, weighted=weighted)
 
     value, spread = propagate(formulas, mean.ravel(), observations.full_covariance)
-    if not np.isfinite(value).all():
+    sound = np.isfinite(value) & np.isfinite(np.diagonal(spread))
+    if not sound.all():
         lost = sorted(
             {
                 n.partition(".")[0]
-                for n, v in zip(sensor.coefficients, value, strict=True)
-                if not np.isfinite(v)
+                for n, there in zip(sensor.coefficients, sound, strict=True)
+                if not there
             }
         )
         raise InputError(

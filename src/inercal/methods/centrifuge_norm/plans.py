@@ -48,12 +48,12 @@ def plan(
     Raises
     ------
     InputError
-        Attitudes of another name, or a rate of zero.
+        Attitudes of another name, no rate, or a rate of zero.
     """
     if attitudes not in ATTITUDES:
         raise InputError(f"attitudes {attitudes!r}; there are {', '.join(ATTITUDES)}")
-    if not all(rates):
-        raise InputError("a rate of zero is no dwell on the arm")
+    if not rates or not all(rates):
+        raise InputError("rates: at least one, and none of zero, which is no dwell on the arm")
     return tuple(
         Spin(f"p{k:02d}_r{j}", rate, 2 * pi * turns / abs(rate), attitude)
         for j, rate in enumerate(rates, start=1)

@@ -20,7 +20,7 @@ from inercal.benches.centrifuge import Centrifuge
 from inercal.estimate import Gaussian, Problem
 from inercal.methods.centrifuge_norm.gauge import gauges, known_nulls, require_gauge
 from inercal.motion import Motion
-from inercal.observe import NoisyNorm, noisy_norm, vector
+from inercal.observe import NoisyNorm, noisy_norm, norm, vector
 from inercal.parameters import Parameter
 from inercal.plan import Spin
 from inercal.recording import Observations
@@ -52,6 +52,9 @@ def by_norm(
     priors: Sequence[Gaussian] = (),
 ) -> Problem:
     """Return the problem of norms alone; arguments as of `inercal.methods.centrifuge_norm.ml`.
+
+    Its noise is standard deviations, or a covariance where rows share the errors of a dwell or a
+    drift.
 
     Raises
     ------
@@ -90,13 +93,21 @@ def by_norm(
         return seen.residual, jacobian
 
     def noise(x: Array) -> Array:
-        made, _, seen = compared(x)
-        if shared is None:
+        made, turned, seen = compared(x)
+        if shared is None and observations.drift is None:
             return np.sqrt(seen.variance + made.dwell**2)
         full = seen.variance[..., None] * np.eye(len(steps))
-        for name, sd in (("dwell_rate", bench.dwell_rate), ("dwell_tilt", bench.dwell_tilt)):
-            by = sd * made.by[name]
-            full = full + shared * (by[..., :, None] * by[..., None, :])
+        if shared is None:
+            full += made.dwell[..., None] ** 2 * np.eye(len(steps))
+        else:
+            for name, sd in (("dwell_rate", bench.dwell_rate), ("dwell_tilt", bench.dwell_tilt)):
+                by = sd * made.by[name]
+                full = full + shared * (by[..., :, None] * by[..., None, :])
+        if observations.drift is not None:
+            w = None if turned is None else turned.w
+            at = norm(sensor, observations.mean, x[..., :p], made.norm, w)
+            along = (at.up[..., None, :] @ at.by_reading)[..., 0, :]
+            full = full + np.einsum("...ia,ija,...ja->...ij", along, observations.drift, along)
         return full
 
     start = _start(p, loose)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from inercal.benches.centrifuge import Centrifuge
 from inercal.errors import InputError
-from inercal.estimate import Cauchy, Gaussian, least_squares
+from inercal.estimate import Cauchy, Gaussian, Problem, least_squares
 from inercal.methods.centrifuge_norm.problems import by_norm
 from inercal.plan import Spin
 from inercal.recording import Observations
@@ -105,7 +105,7 @@ def screen(
     """
     if observations.mean.ndim != 2:
         raise InputError("rows are screened in one table at a time")
-    asked = by_norm(observations, sensor, bench, steps, priors)
+    asked = _row_by_row(by_norm(observations, sensor, bench, steps, priors))
     fit = least_squares(asked)
     scale = float(np.abs(fit.whitened).max())
     noise = 1.0
@@ -131,10 +131,10 @@ def screen(
             covariance=np.repeat(observations.covariance[k : k + 1], len(rows), axis=0),
             duration=np.ones(len(rows)),
             samples=np.ones(len(rows), dtype=np.int64),
-            time=np.arange(len(rows), dtype=float),  # rows at one time are of one dwell
+            time=np.zeros(len(rows)),
             drift=None,
         )
-        one = by_norm(seen, sensor, bench, [steps[k]] * len(rows), priors)
+        one = _row_by_row(by_norm(seen, sensor, bench, [steps[k]] * len(rows), priors))
         residual, jacobian = one.linearise(fit.value)
         assert callable(one.noise)
         own = noise * one.noise(fit.value)
@@ -164,6 +164,19 @@ def screen(
             )
         )
     return tuple(suspects)
+
+
+def _row_by_row(asked: Problem) -> Problem:
+    """Return the problem with the deviations of single rows: one bad row must not taint others."""
+    stated = asked.noise
+    assert callable(stated)
+
+    def noise(x: Array) -> Array:
+        made = stated(x)
+        matrix = made.ndim == x.ndim + 1
+        return np.sqrt(np.diagonal(made, axis1=-2, axis2=-1)) if matrix else made
+
+    return replace(asked, noise=noise)
 
 
 def _changes(written: Array, channels: Sequence[str]) -> Iterator[list[Repair]]:
