@@ -209,6 +209,12 @@ def test_one_rate_in_half_a_circle_is_refused_and_all_round_accepted(tmp_path: P
     assert simulated(tmp_path, one, square).estimate.consistent
 
 
+def test_an_estimate_without_uncertainty_is_refused(tmp_path: Path):
+    paper = ('name = "centrifuge_norm"', 'name = "centrifuge_norm"\nestimator = "paper"')
+    with pytest.raises(InputError, match=r"estimator paper: the noise|states no uncertainty"):
+        simulated(tmp_path, paper)
+
+
 def test_a_saturated_dwell_is_left_out_and_said(tmp_path: Path):
     outcome = simulated(tmp_path, ('full_scale = "60 g"', 'full_scale = "33 g"'))
     assert any(f.what == "dwell" and "is left out" in f.message for f in outcome.findings)

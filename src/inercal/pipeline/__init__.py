@@ -99,6 +99,11 @@ def calibrate(run: Run | str | Path) -> Outcome:
         raise InputError(
             f"{run.path}: the fit did not converge; look at the marks and the plan{told}"
         )
+    if not np.isfinite(estimate.covariance).all():
+        raise InputError(
+            f"{run.path}: estimator {run.estimator} states no uncertainty for this noise: it may "
+            "leave no root; use another estimator"
+        )
     conditions = gathered.conditions | _temperature(gathered.recording)
     if run.time_offset:
         late = delay(observations, sensor, estimate, bench.gravity.value)

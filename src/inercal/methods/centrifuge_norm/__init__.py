@@ -157,6 +157,8 @@ def paper(
 ) -> Estimate:
     """Return k0, k1 and k2 as the source does, for comparison: k2 from the fourth powers.
 
+    The covariance is not a number where noise as stated may leave no root.
+
     Raises
     ------
     InputError
@@ -192,13 +194,12 @@ def _closed(
         return closed.coefficients(sensor, y, made.norm, invert, weighted=weighted)
 
     value, spread = propagate(formulas, mean.ravel(), observations.full_covariance)
-    sound = np.isfinite(value) & np.isfinite(np.diagonal(spread))
-    if not sound.all():
+    if not np.isfinite(value).all():
         lost = sorted(
             {
                 n.partition(".")[0]
-                for n, there in zip(sensor.coefficients, sound, strict=True)
-                if not there
+                for n, v in zip(sensor.coefficients, value, strict=True)
+                if not np.isfinite(v)
             }
         )
         raise InputError(
