@@ -192,3 +192,13 @@ def test_the_demonstration_says_its_normalised_error(tmp_path: Path, said: Calla
     printed = said("demo", "--out", tmp_path)
     (line,) = [line for line in printed.splitlines() if line.startswith("normalised error")]
     assert 0 < float(line.split(": ")[1].split(" ")[0]) < 2
+
+
+def test_plan_says_whose_plans_it_makes(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr("sys.argv", ["inercal", "plan", "centrifuge-norm"])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    assert stop.value.code == 2
+    assert "are fixed, by [method] in the run file" in capsys.readouterr().err

@@ -23,10 +23,18 @@ def run(
     """Print attitudes to take by hand, with the uncertainties to expect of them."""
     from inercal.cli.show import as_json, working
     from inercal.design import rehearse, typical
+    from inercal.errors import InputError
+    from inercal.methods import method as named
     from inercal.runfile import read
 
+    name = method.replace("-", "_")
+    if not named(name).free:
+        raise InputError(
+            f"plans of {method} are fixed, by [method] in the run file; inercal budget says what they "
+            "give. Plans by hand are made for multi-position"
+        )
     keys = {
-        "name": method.replace("-", "_"),
+        "name": name,
         "positions": positions,
         "seconds": f"{seconds} s",
     }

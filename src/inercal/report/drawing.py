@@ -22,7 +22,8 @@ INK, MUTED, FAINT, BAND = "#010a01", "#010a02", "#010a03", "#010a04"
 X, Y, Z = "#010a05", "#010a06", "#010a07"
 WARN, PLUS, MINUS, PAPER = "#010a08", "#010a09", "#010a0a", "#010a0b"
 AXES = (X, Y, Z)
-_NAMES = 20  # under an axis, at most: more cannot be read
+NAMES = 20
+"""Names along an axis, at most: more cannot be read."""
 SHAPES = ("o", "s", "^")  # for those who do not see the colours, and for black and white prints
 _WIDTH = 9.0  # inches, of a page's figure
 _LEFT, _RIGHT, _ABOVE = 0.75, 0.05, 0.25  # inches, of the room around each of its axes
@@ -155,7 +156,7 @@ def name_positions(axes: Axes, labels: Sequence[str], *, named: bool = True) -> 
         return
     under, top, centre = axes.get_xaxis_text1_transform(4)
     angle = 90 if _upright(labels) else 0
-    every = -(-len(labels) // _NAMES)
+    every = -(-len(labels) // NAMES)
     # Texts: a tick of matplotlib costs several times as much.
     for k in range(0, len(labels), every):
         axes.text(k, 0, labels[k], transform=under, rotation=angle, va=top, ha=centre)

@@ -10,6 +10,7 @@ import numpy as np
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
+from inercal.benches import Centrifuge
 from inercal.pipeline import Outcome
 from inercal.plan import Hold, Spin, Step, Turn
 from inercal.report import tables
@@ -82,6 +83,7 @@ def page(outcome: Outcome, truth: Mapping[str, float] | None) -> str:
         sections=sections(outcome, found),
         missing=missing_faces(found),
         turned=any(isinstance(step, Turn) for step in outcome.steps),
+        norms=isinstance(outcome.bench, Centrifuge) and estimate.whitened.size == len(found),
         placed=any(not isnan(attitude.off) for attitude in found),
         spun=any(isinstance(step, Spin) for step in outcome.steps),
         free=bool(estimate.groups),

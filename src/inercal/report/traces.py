@@ -116,6 +116,7 @@ def _name(axes: Axes, outcome: Outcome, recording: Recording) -> None:
     marks = _used(outcome)
     if not marks:
         return
+    marks = marks[:: -(-len(marks) // drawing.NAMES)]  # the names of more would cover one another
     spans = _ranges([(mark.start, mark.stop) for mark in marks], recording)
     where = [start + length / 2 for start, length in spans]
     inches = 8.2 * np.diff(sorted(where)) / max(recording.duration, 1e-9)
