@@ -30,8 +30,8 @@ def run(
     name = method.replace("-", "_")
     if not named(name).free:
         raise InputError(
-            f"plans of {method} are fixed, by [method] in the run file; inercal budget says what they "
-            "give. Plans by hand are made for multi-position"
+            f"plans of {method} are fixed, by [method] in the run file; inercal budget says what "
+            "they give. Plans by hand are made for multi-position"
         )
     keys = {
         "name": name,
