@@ -1,0 +1,187 @@
+"""Harmonics of a tumble test: which one holds which coefficient, and which fold onto one another.
+
+On n evenly spaced positions θ = θ₀ + 2πk/n the columns 1, sin hθ, cos hθ are orthogonal as long as
+n ≥ 2m + 1 for the highest harmonic m (IEEE Std 1293), and amplitudes are plain sums::
+
+    A₀ = Σ y / n,   S_h = 2 Σ y sin hθ / n,   C_h = 2 Σ y cos hθ / n
+
+By fewer positions harmonic h is not told from harmonic n − h; harmonic n/2 keeps one phase of the
+two, and the sum of squares of that column, not n/2, divides. Positions visited equally often (a
+turn forward and one back) change nothing of this.
+"""
+
+from collections.abc import Sequence
+from math import ceil, degrees, pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.errors import InputError, NotObserved
+from inercal.sensors import Sensor
+
+Array = NDArray[np.float64]
+TERMS = ("k0", "k1", "delta_o", "k2", "kip", "k3")
+_COLUMNS = {"k0": "A0", "k1": "S1", "delta_o": "C1", "k2": "C2", "kip": "S2", "k3": "S3"}
+_HIGHEST = 3
+_SAME = 1e-9  # rad; nominal angles, so that nothing but rounding separates equal ones
+
+
+def columns(terms: Sequence[str]) -> tuple[str, ...]:
+    """Return the harmonics that these terms need, one each: "A0", "S1", "C1", "S2", "C2", "S3"."""
+    return tuple(_COLUMNS[term] for term in terms)
+
+
+def basis(angle: Array, names: Sequence[str]) -> Array:
+    """Return the columns of these harmonics at r angles, rad: (r, q)."""
+    one = {"A": np.ones_like, "S": np.sin, "C": np.cos}
+    return np.stack([one[name[0]](int(name[1]) * angle) for name in names], axis=-1)
+
+
+def by_term(terms: Sequence[str], g: float) -> tuple[Array, Array]:
+    """Return the map from amplitudes to coefficients, (p, p), and what to add, (p,).
+
+    Amplitudes in m/s², in the order of `columns`; coefficients in SI.
+    A term that is not among them is taken as zero.
+    """
+    k2 = -2 / g**2
+    k3 = -4 / g**3
+    rows = {
+        "k0": {"A0": 1.0} | ({"C2": -k2 * g**2 / 2} if "k2" in terms else {}),
+        "k1": {"S1": 1 / g} | ({"S3": -k3 * 0.75 * g**2} if "k3" in terms else {}),
+        "delta_o": {"C1": 1 / g},
+        "k2": {"C2": k2},
+        "kip": {"S2": 2 / g**2},
+        "k3": {"S3": k3},
+    }
+    found = columns(terms)
+    matrix = np.array([[rows[term].get(name, 0.0) for name in found] for term in terms])
+    return matrix, np.array([-1.0 if term == "k1" else 0.0 for term in terms])
+
+
+def mixed(matrix: Array) -> NDArray[np.bool_]:
+    """Return which columns of a basis, (r, q), vanish or are not orthogonal to the others, (q,)."""
+    gram = matrix.T @ matrix / len(matrix)
+    off = np.abs(gram - np.diag(np.diagonal(gram))) > _SAME
+    return off.any(axis=0) | (np.diagonal(gram) < _SAME)
+
+
+def distinct(angle: Array) -> tuple[Array, NDArray[np.int64]]:
+    """Return the distinct angles within one turn, rad and rising, and how often each was visited.
+
+    Parameters
+    ----------
+    angle : (r,) array
+        rad, in any turn.
+    """
+    # An angle of a rounding below a whole turn is angle 0.
+    within = np.sort(np.mod(angle + _SAME / 2, 2 * pi) - _SAME / 2)
+    first = np.flatnonzero(np.diff(within, prepend=-np.inf) > _SAME)
+    return within[first], np.diff(first, append=len(within))
+
+
+def unevenness(angle: Array) -> str:
+    """Return in words where angles, (r,) rad, are not evenly spaced or visited; empty if even."""
+    at, visits = distinct(angle)
+    gaps = np.diff(at, append=at[0] + 2 * pi)
+    worst = int(np.argmax(gaps))
+    even = 2 * pi / len(at)
+    if gaps[worst] - even > len(at) * _SAME:
+        return (
+            f"after {degrees(at[worst]):.6g}° the next is {degrees(gaps[worst]):.6g}° away, where "
+            f"{len(at)} positions would be {degrees(even):.6g}° apart"
+        )
+    if visits.min() != visits.max():
+        most, least = int(visits.argmax()), int(visits.argmin())
+        return (
+            f"{degrees(at[most]):.6g}° was visited {visits[most]} times, "
+            f"{degrees(at[least]):.6g}° {visits[least]} times"
+        )
+    return ""
+
+
+def require_even(angle: Array) -> None:
+    """Refuse positions that are not evenly spaced round the circle and equally often visited.
+
+    Raises
+    ------
+    InputError
+        Saying where.
+    """
+    words = unevenness(angle)
+    if words:
+        raise InputError(
+            "estimator fourier needs positions evenly spaced round the circle, each as often as "
+            f"the others: {words}; use least_squares"
+        )
+
+
+def folds(angle: Array) -> tuple[str, ...]:
+    """Return which harmonic up to the third folds onto which lower one, in words.
+
+    Empty where none does, and where positions are not evenly spaced: there nothing folds exactly.
+
+    Examples
+    --------
+    >>> folds(np.arange(4) * pi / 2)
+    ('harmonic 2 folds onto itself: its sine is not seen', 'harmonic 3 folds onto harmonic 1')
+    """
+    at, _ = distinct(angle)
+    n = len(at)
+    if unevenness(at):
+        return ()
+    found: list[str] = []
+    for h in range(ceil(n / 2), _HIGHEST + 1):
+        if 2 * h > n:
+            found.append(f"harmonic {h} folds onto harmonic {n - h}")
+            continue
+        sine, cosine = abs(np.sin(h * at[0])), abs(np.cos(h * at[0]))
+        lost = "its sine and cosine are not told apart"
+        if min(sine, cosine) < h * _SAME:
+            lost = f"its {'sine' if sine < cosine else 'cosine'} is not seen"
+        found.append(f"harmonic {h} folds onto itself: {lost}")
+    return tuple(found)
+
+
+def refusal(
+    sensor: Sensor,
+    directions: Sequence[str],
+    angle: Array,
+    way_out: str,
+    names: Sequence[str] = (),
+) -> NotObserved:
+    """Return the refusal: the coefficients, the free directions, and the harmonics that fold.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    directions : sequence of str
+        Combinations of coefficients in natural units, in words.
+    angle : (r,) array
+        rad.
+    way_out : str
+        What helps beside fewer coefficients and more positions.
+    names : sequence of str
+        Coefficients to name beside those of the directions.
+    """
+    plain = tuple(words.partition(" (in units")[0] for words in directions)
+    touched = {word for words in plain for word in words.replace("−", " ").split()} | set(names)
+    named = [name for name in sensor.coefficients if name in touched]
+    free = f" (free directions, in units of g and rad: {'; '.join(plain)})" if plain else ""
+    folded = folds(angle)
+    n = len(distinct(angle)[0])
+    why = f": of {n} positions {'; '.join(folded)}; take 7 positions or more" if folded else ""
+    return NotObserved(
+        f"not observed: {', '.join(named)}{free}{why}; choose fewer coefficients or {way_out}",
+        plain,
+    )
+
+
+def notes(angle: Array) -> tuple[str, ...]:
+    """Say what a coefficient that was not chosen would do, where harmonics fold."""
+    folded = folds(angle)
+    if not folded:
+        return ()
+    n = len(distinct(angle)[0])
+    return (
+        f"of {n} positions {'; '.join(folded)}: a coefficient that was left out may be in others",
+    )

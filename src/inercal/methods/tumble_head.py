@@ -1,0 +1,105 @@
+"""The dividing head of a tumble test: its positions, what is known of it, and what is felt on it.
+
+The spindle is horizontal; the sensor's output axis lies along it.
+"""
+
+from dataclasses import dataclass
+from math import degrees, pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.errors import InputError
+from inercal.sensors import Sensor
+from inercal.units import Measured
+
+Array = NDArray[np.float64]
+FEWEST = 4  # positions
+
+
+@dataclass(frozen=True)
+class Position:
+    """Keep the spindle at `angle`, rad: 0, π/2, π, 3π/2 = input axis level, up, level, down."""
+
+    label: str
+    angle: float
+
+    def in_words(self) -> str:
+        """Return what to do: "spindle at 30°"."""
+        return f"spindle at {degrees(self.angle):.6g}°"
+
+
+@dataclass(frozen=True)
+class Head:
+    """What is known of the dividing head.
+
+    Parameters
+    ----------
+    gravity : Measured
+        Local gravity, m/s².
+    angle : float
+        Standard deviation of each position's angle, rad; independent from row to row.
+    zero : float
+        Standard deviation of the head's zero against the level, rad; shared by all rows.
+
+    Raises
+    ------
+    InputError
+        A gravity that is not positive, or a deviation that is negative or not finite.
+    """
+
+    gravity: Measured
+    angle: float = 0.0
+    zero: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.gravity.value) and self.gravity.value > 0):
+            raise InputError(f"dividing head: gravity is {self.gravity.value} m/s²; give it > 0")
+        for what, sd in (
+            ("gravity", self.gravity.sd),
+            ("angle", self.angle),
+            ("zero", self.zero),
+        ):
+            if not (np.isfinite(sd) and sd >= 0):
+                raise InputError(f"dividing head: deviation of {what} is {sd}; give it 0 or more")
+
+
+def positions(n: int, start: float = 0.0, back: bool = False) -> tuple[Position, ...]:
+    """Return n evenly spaced positions from `start`, rad, and the same ones back where asked.
+
+    Raises
+    ------
+    InputError
+        Fewer than four.
+
+    Examples
+    --------
+    >>> [p.label for p in positions(4)]
+    ['p0', 'p1', 'p2', 'p3']
+    """
+    if n < FEWEST:
+        raise InputError(f"{n} positions; a tumble test needs {FEWEST} or more")
+    there = [Position(f"p{k}", start + 2 * pi * k / n) for k in range(n)]
+    again = [Position(f"{p.label}_back", p.angle) for p in reversed(there)] if back else []
+    return (*there, *again)
+
+
+def felt_at(sensor: Sensor, angle: Array, g: Array, zero: Array) -> tuple[Array, Array, Array]:
+    """Return specific force and its derivatives to g and to the angle, each (..., r, 3).
+
+    Parameters
+    ----------
+    sensor : Sensor
+        Of one axis.
+    angle : (r,) array
+        Nominal angles, rad.
+    g, zero : (...) arrays
+        Gravity, m/s², and what all angles are larger than nominal by, rad.
+    """
+    i, p, _ = sensor.axes[0].frame
+    at = angle + zero[..., None]
+    s, c = np.sin(at), np.cos(at)
+    # The sign of what is felt must not hang on how sin π is rounded.
+    s, c = (np.where(np.abs(x) < 1e-15, 0.0, x)[..., None] for x in (s, c))
+    up, across = s * i + c * p, c * i - s * p
+    return g[..., None, None] * up, up, g[..., None, None] * across
