@@ -1,0 +1,423 @@
+"""The tumble test against an accelerometer and a dividing head made apart from inercal."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from math import pi, radians
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from tests.accuracy.tumble import Device, Scale, amplitudes, bound
+
+from inercal.errors import InputError, NotObserved
+from inercal.estimate import Estimate, Gaussian
+from inercal.methods.tumble import Head, Position, fourier, least_squares, positions
+from inercal.recording import Observations
+from inercal.sensors import G0, Sensor, single, triad
+from inercal.units import Measured
+
+Array = NDArray[np.float64]
+SIX: tuple[str, ...] = ("k0", "k1", "delta_o", "k2", "kip", "k3")
+ARCSEC = pi / 648_000
+# 300 µg, 200 ppm, 100″, 10 µg/g², 20 µg/g², 5 µg/g³
+DEVICE = Device(3e-4, 2e-4, 100 * ARCSEC, 1e-5, 2e-5, 5e-6)
+G = 1.0007  # local gravity in g
+EXACT = Head(Measured(G * G0, 0.0))
+NOISE = 2e-7  # g
+ESTIMATORS = [fourier, least_squares]
+SEEDS = [1, 2, 3]
+Estimator = Callable[..., Estimate]
+
+
+def sensor(*terms: str) -> Sensor:
+    return single().with_coefficients(*(terms or SIX))
+
+
+def angles(plan: Sequence[Position]) -> Array:
+    return np.array([step.angle for step in plan])
+
+
+def seen(plan: Sequence[Position], reading: Array, sd: float = NOISE) -> Observations:
+    """Return readings in g, (..., r), as observations."""
+    r = len(plan)
+    return Observations(
+        tuple(step.label for step in plan),
+        reading[..., None] * G0,
+        np.full((r, 1, 1), (sd * G0) ** 2),
+        np.ones(r),
+        np.ones(r, dtype=np.int64),
+        np.arange(r, dtype=float),
+        ("i",),
+    )
+
+
+def in_g(found: Estimate, made: Sensor) -> dict[str, Array]:
+    p = len(made.coefficients)
+    value = found.value[..., :p] / made.natural
+    return {name[2:]: value[..., k] for k, name in enumerate(made.coefficients)}
+
+
+def truth(device: Device, made: Sensor) -> Array:
+    """Return the device's coefficients in the sensor's order, in g."""
+    by_name = dict(zip(SIX, list(vars(device).values())[:6], strict=True))
+    return np.array([by_name[name[2:]] for name in made.coefficients])
+
+
+def error(found: Estimate, made: Sensor, device: Device = DEVICE) -> Array:
+    p = len(made.coefficients)
+    return found.value[..., :p] / made.natural - truth(device, made)
+
+
+def spread(found: Estimate, made: Sensor) -> Array:
+    p = len(made.coefficients)
+    return found.covariance[..., :p, :p] / np.outer(made.natural, made.natural)
+
+
+def run(
+    estimator: Estimator,
+    plan: Sequence[Position],
+    made: Sensor,
+    device: Device = DEVICE,
+    head: Scale | None = None,
+    bench: Head = EXACT,
+) -> Estimate:
+    true = (head or Scale()).true(angles(plan))
+    return estimator(seen(plan, device.reading(true, G)), made, bench, plan)
+
+
+# Exactness
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+@pytest.mark.parametrize("n", [7, 8, 9, 12, 24])
+@pytest.mark.parametrize("start", [0.0, 0.3, -2.0])
+def test_without_noise_all_six_are_exact(estimator: Estimator, n: int, start: float):
+    made = sensor()
+    found = run(estimator, positions(n, start), made)
+    assert np.abs(error(found, made)).max() < 1e-12
+    assert found.notes == ()
+
+
+def test_formulas_and_least_squares_are_the_same_where_angles_are_exact():
+    made, plan = sensor(), positions(9, 0.2, back=True)
+    rng = np.random.default_rng(4)
+    reading = DEVICE.reading(angles(plan), G) + NOISE * rng.standard_normal(18)
+    one, other = (e(seen(plan, reading), made, EXACT, plan) for e in ESTIMATORS)
+    assert np.abs(error(one, made) - error(other, made)).max() < 1e-14
+    assert spread(one, made) == pytest.approx(spread(other, made), rel=1e-6, abs=1e-20)
+
+
+def test_positions_anywhere_do_for_least_squares():
+    plan = [Position(f"p{k}", radians(a)) for k, a in enumerate((0, 20, 70, 110, 200, 230, 300))]
+    made = sensor()
+    assert np.abs(error(run(least_squares, plan, made), made)).max() < 1e-12
+
+
+def test_a_turned_case_is_exact_in_the_tilted_form_and_off_by_half_its_square_in_the_reference():
+    device = replace(DEVICE, delta=300 * ARCSEC, kip=0.0, turned=True)
+    terms = ("k0", "k1", "delta_o", "k2", "k3")
+    tilted = replace(sensor(*terms), form="tilted")
+    found = run(least_squares, positions(12), tilted, device)
+    assert np.abs(error(found, tilted, device)).max() < 1e-12
+    for estimator in ESTIMATORS:
+        made = sensor(*terms)
+        errors = error(run(estimator, positions(12), made, device), made, device)
+        off = dict(zip(terms, errors, strict=True))
+        print(estimator.__name__, off)
+        size = device.delta**2
+        assert off["k1"] == pytest.approx(-size / 2, rel=0.02)
+        assert off["delta_o"] == pytest.approx(device.k1 * device.delta, rel=0.05)
+        # Products of three small numbers are left.
+        assert max(abs(off[name]) for name in ("k0", "k2", "k3")) < 5e-11
+
+
+def test_kip_of_a_turned_case_reaches_others_by_its_product_with_the_angle():
+    device = replace(DEVICE, turned=True)
+    made = replace(sensor(), form="tilted")
+    off = error(run(least_squares, positions(12), made, device), made, device)
+    assert 1e-10 < np.abs(off).max() < 1.2 * device.kip * device.delta
+
+
+# What one tumble sees
+
+
+def test_harmonics_hold_the_combinations_that_the_docstring_states():
+    d = DEVICE
+    sine, cosine = amplitudes(d.reading(2 * pi * np.arange(16) / 16), 4)
+    assert cosine[0] == pytest.approx(d.k0 + d.k2 / 2, abs=1e-15)
+    assert sine[1] == pytest.approx(1 + d.k1 + 0.75 * d.k3, abs=1e-15)
+    assert cosine[1] == pytest.approx(d.delta, abs=1e-15)
+    assert (sine[2], cosine[2]) == pytest.approx((d.kip / 2, -d.k2 / 2), abs=1e-15)
+    assert (sine[3], cosine[3]) == pytest.approx((-d.k3 / 4, 0), abs=1e-15)
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_what_is_left_out_goes_where_the_docstring_says(estimator: Estimator):
+    d, plan = DEVICE, positions(12)
+    full = dict(zip(SIX, list(vars(d).values())[:6], strict=True))
+
+    def without(term: str) -> dict[str, Array]:
+        made = sensor(*(name for name in SIX if name != term))
+        found = in_g(run(estimator, plan, made), made)
+        return {n: v - full[n] for n, v in found.items() if abs(v - full[n]) > 1e-12}
+
+    assert without("kip") == {}
+    assert without("k2") == {"k0": pytest.approx(d.k2 * G**2 / 2, abs=1e-12)}
+    assert without("k3") == {"k1": pytest.approx(0.75 * d.k3 * G**2, abs=1e-12)}
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_four_cardinal_positions_see_k1_and_k3_as_one(estimator: Estimator):
+    made = sensor("k0", "k1", "delta_o", "k2")
+    found = run(estimator, positions(4), made)
+    value = in_g(found, made)
+    assert value["k1"] == pytest.approx(DEVICE.k1 + DEVICE.k3 * G**2, abs=1e-12)
+    assert value["k0"] == pytest.approx(DEVICE.k0, abs=1e-12)
+    assert value["k2"] == pytest.approx(DEVICE.k2, abs=1e-12)
+    assert "harmonic 3 folds onto harmonic 1" in found.notes[0]
+
+
+# Columns: harmonic, sine or cosine, what it does to which coefficient (in g) per radian
+HEAD_ERRORS = [
+    (0, "cos", {"delta_o": 1.0}),
+    (1, "sin", {"kip": 1.0}),
+    (1, "cos", {"k0": 1.0, "k2": -1.0}),
+    (2, "sin", {"k1": 2.0, "k3": -2.0}),
+    (2, "cos", {"delta_o": 0.5}),
+    (3, "sin", {"kip": 1.0}),
+    (3, "cos", {"k0": 0.5, "k2": -1.0}),
+    (4, "sin", {"k1": 1.5, "k3": -2.0}),
+    (4, "cos", {}),
+    (5, "sin", {}),
+    (6, "cos", {}),
+]
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+@pytest.mark.parametrize(("h", "phase", "does"), HEAD_ERRORS)
+def test_harmonics_of_the_head_do_what_the_docstring_says(
+    estimator: Estimator, h: int, phase: str, does: dict[str, float]
+):
+    size = 1e-6
+    head = Scale(**{phase: {h: size}})
+    made, plan = sensor(), positions(12)
+    reading = Device().reading(head.true(angles(plan)))
+    found = estimator(seen(plan, reading), made, Head(Measured(G0, 0.0)), plan)
+    expected = np.array([does.get(name[2:], 0.0) * size for name in made.coefficients])
+    assert error(found, made, Device()) == pytest.approx(expected, abs=5e-12)  # 2nd order: 1e-12
+    if estimator is least_squares:
+        shows = np.abs(found.residual).max() / G0 > 1e-10
+        assert shows == ((h, phase) == (2, "cos") or h > 2)
+
+
+def test_a_head_error_of_high_order_folds_onto_a_low_one():
+    """By 12 positions the eleventh harmonic of the head is its first."""
+    made, plan = sensor(), positions(12)
+    folded = run(fourier, plan, made, head=Scale(cos={11: 1e-6}))
+    first = run(fourier, plan, made, head=Scale(cos={1: 1e-6}))
+    assert error(folded, made) == pytest.approx(error(first, made), abs=1e-15)
+
+
+# What is stated
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("form", ["reference", "tilted"])
+def test_least_squares_scatters_as_it_states_and_reaches_its_bound(seed: int, form: str):
+    rng, trials = np.random.default_rng([seed, 71]), 400
+    bench = Head(Measured(G * G0, 3e-6 * G0), angle=1.0 * ARCSEC, zero=3 * ARCSEC)
+    plan = positions(12, 0.1)
+    device = replace(DEVICE, kip=0.0, turned=form == "tilted")
+    made = replace(sensor("k0", "k1", "delta_o", "k2", "k3"), form=form)
+    found = least_squares(seen(plan, drawn(rng, trials, plan, device, bench)), made, bench, plan)
+    assert found.converged.all()
+    assert_consistent(error(found, made, device), spread(found, made))
+    at = lowest(plan, device, made, bench)
+    ratio = np.sqrt(np.diagonal(spread(found, made).mean(0)) / np.diagonal(at))
+    assert ratio == pytest.approx(1, abs=2e-3)
+    scatter = np.std(error(found, made, device), axis=0) / np.sqrt(np.diagonal(at))
+    print("scatter over bound", scatter)
+    assert scatter == pytest.approx(1, abs=4 / np.sqrt(2 * trials))
+    assert np.mean(found.chi2) == pytest.approx(found.dof, abs=4 * np.sqrt(2 * found.dof / trials))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_fourier_scatters_as_it_states(seed: int):
+    rng, trials = np.random.default_rng([seed, 72]), 300
+    bench = Head(Measured(G * G0, 3e-6 * G0), angle=1.0 * ARCSEC, zero=3 * ARCSEC)
+    made, plan = sensor(), positions(8, back=True)
+    found = [
+        fourier(seen(plan, reading), made, bench, plan)
+        for reading in drawn(rng, trials, plan, DEVICE, bench)
+    ]
+    errors = np.array([error(one, made) for one in found])
+    spreads = np.array([spread(one, made) for one in found])
+    assert_consistent(errors, spreads)
+    # Unweighted sums lose to weights, and never win.
+    at = np.diagonal(lowest(plan, DEVICE, made, bench))
+    ratio = np.sqrt(np.diagonal(spreads[0]) / at)
+    print("fourier over bound", ratio)
+    assert np.all(ratio > 1 - 1e-4)
+    assert np.all(ratio < 1.5)
+
+
+def drawn(
+    rng: np.random.Generator, trials: int, plan: Sequence[Position], device: Device, bench: Head
+) -> Array:
+    """Return readings in g, (trials, r): noise, angles, zero and gravity are drawn."""
+    shape = (trials, len(plan))
+    zero = bench.zero * rng.standard_normal((trials, 1))
+    true = angles(plan) + zero + bench.angle * rng.standard_normal(shape)
+    gravity = G + bench.gravity.sd / G0 * rng.standard_normal((trials, 1))
+    return device.reading(true, gravity) + NOISE * rng.standard_normal(shape)
+
+
+def lowest(plan: Sequence[Position], device: Device, made: Sensor, bench: Head) -> Array:
+    """Return the Cramér-Rao bound of the coefficients, in g, by differences of the generator."""
+    names = ["delta" if name == "i.delta_o" else name[2:] for name in made.coefficients]
+    theta, h = angles(plan), 1e-5
+
+    def slope(name: str) -> Array:
+        up, down = (
+            replace(device, **{name: getattr(device, name) + s * h}).reading(theta, G)
+            for s in (1, -1)
+        )
+        return (up - down) / (2 * h)
+
+    by_angle = (device.reading(theta + h, G) - device.reading(theta - h, G)) / (2 * h)
+    by_gravity = (device.reading(theta, G + h) - device.reading(theta, G - h)) / (2 * h)
+    covariance = NOISE**2 * np.eye(len(plan)) + np.diag((bench.angle * by_angle) ** 2)
+    covariance += bench.zero**2 * np.outer(by_angle, by_angle)
+    covariance += (bench.gravity.sd / G0) ** 2 * np.outer(by_gravity, by_gravity)
+    design = np.stack([slope(name) for name in names], axis=-1)
+    return bound(device.reading(theta, G), design, covariance)
+
+
+def assert_consistent(errors: Array, covariance: Array) -> None:
+    trials, p = errors.shape
+    solved = np.linalg.solve(covariance, errors[..., None])[..., 0]
+    nees = float(np.mean(np.sum(errors * solved, axis=-1))) / p
+    print(f"NEES {nees:.3f}")
+    assert nees == pytest.approx(1, abs=4 * np.sqrt(2 / p / trials))
+
+
+def test_gravity_is_in_the_uncertainty_of_the_scale_factor_alone():
+    bench = Head(Measured(G * G0, 1e-5 * G0))
+    made, plan = sensor(), positions(12)
+    for estimator in ESTIMATORS:
+        with_g, without = (
+            spread(run(estimator, plan, made, bench=b), made).diagonal() for b in (bench, EXACT)
+        )
+        more = dict(zip(made.coefficients, np.sqrt(np.abs(with_g - without)), strict=True))
+        assert more["i.k1"] == pytest.approx(1e-5, rel=1e-3)
+        assert max(v for name, v in more.items() if name != "i.k1") < 1e-8
+
+
+# What is refused
+
+
+@pytest.mark.parametrize(
+    ("n", "start", "named", "folded"),
+    [
+        (4, 0.0, {"k1", "k3", "kip"}, "harmonic 3 folds onto harmonic 1"),
+        (4, 0.0, {"k1", "k3", "kip"}, "harmonic 2 folds onto itself: its sine is not seen"),
+        (4, pi / 4, {"k0", "k1", "k2", "k3"}, "itself: its cosine is not seen"),
+        (5, 0.0, {"k1", "k3", "kip"}, "harmonic 3 folds onto harmonic 2"),
+        (6, 0.0, {"k1", "k3"}, "harmonic 3 folds onto itself: its sine is not seen"),
+    ],
+)
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_harmonics_that_fold_are_named(
+    estimator: Estimator, n: int, start: float, named: set[str], folded: str
+):
+    with pytest.raises(NotObserved) as refusal:
+        run(estimator, positions(n, start), sensor())
+    text = str(refusal.value)
+    assert folded in text
+    listed = text.split("not observed: ")[1].split(" (")[0].split(", ")
+    assert {name[2:] for name in listed} == named
+    assert refusal.value.directions
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_six_positions_that_include_no_level_one_see_the_third_harmonic(estimator: Estimator):
+    made = sensor()
+    assert np.abs(error(run(estimator, positions(6, pi / 6), made), made)).max() < 1e-12
+
+
+def test_a_prior_tells_what_folds_apart():
+    made, plan = sensor(), positions(4)
+    size = dict(zip(made.coefficients, made.natural, strict=True))
+    known = [
+        Gaussian.independent((f"i.{name}",), [getattr(DEVICE, name) * size[f"i.{name}"]], sd)
+        for name, sd in (("k3", 1e-7 * size["i.k3"]), ("kip", 1e-6 * size["i.kip"]))
+    ]
+    reading = DEVICE.reading(angles(plan), G)
+    found = least_squares(seen(plan, reading), made, EXACT, plan, known)
+    assert np.abs(error(found, made)).max() < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("terms", "named"),
+    [
+        (("k0", "k2", "kpp"), "i.k0, i.k2, i.kpp"),
+        (("k0", "koo"), "i.koo"),
+        (("delta_p",), "i.delta_p"),
+    ],
+)
+def test_what_no_tumble_sees_is_named(terms: tuple[str, ...], named: str):
+    with pytest.raises(NotObserved, match=f"not observed: {named} \\("):
+        run(least_squares, positions(12), sensor("k1", *terms))
+
+
+def test_uneven_positions_are_refused_where_formulas_need_even_ones():
+    plan = positions(12)
+    gone = [p for p in plan if p.label != "p3"]
+    for some, words in (
+        (gone, "after 60° the next is 60° away, where 11 positions would be 32.7273° apart"),
+        ([*plan, Position("again", 2 * pi)], "0° was visited 2 times, 30° 1 times"),
+    ):
+        with pytest.raises(InputError, match=words):
+            run(fourier, some, sensor())
+        assert np.abs(error(run(least_squares, some, sensor()), sensor())).max() < 1e-12
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_what_cannot_be_used_is_refused_in_one_line(estimator: Estimator):
+    plan = positions(12)
+    for some in (plan[:3], (*plan[:3], Position("p0_again", 0.0))):
+        with pytest.raises(InputError, match="3 different positions; a tumble test needs 4"):
+            run(estimator, some, sensor())
+    for made in (triad().with_coefficients("k0"), single(measures="w").with_coefficients("bias")):
+        with pytest.raises(InputError, match="takes one accelerometer"):
+            run(estimator, plan, made)
+    with pytest.raises(InputError, match="row 'p11' is no position"):
+        estimator(seen(plan, np.zeros(12)), sensor(), EXACT, plan[:11])
+
+
+def test_formulas_refuse_what_they_do_not_hold():
+    plan, made = positions(12), sensor()
+    reading = DEVICE.reading(angles(plan), G)
+    prior = Gaussian.independent(("i.k3",), [0.0], 1e-9)
+    with pytest.raises(InputError, match="takes no priors"):
+        fourier(seen(plan, reading), made, EXACT, plan, [prior])
+    with pytest.raises(InputError, match="one recording at a time"):
+        fourier(seen(plan, np.stack([reading, reading])), made, EXACT, plan)
+    with pytest.raises(InputError, match="finds the reference form"):
+        fourier(seen(plan, reading), replace(made, form="tilted"), EXACT, plan)
+    with pytest.raises(InputError, match="not koq"):
+        fourier(seen(plan, reading), sensor("k0", "koq"), EXACT, plan)
+
+
+def test_a_bench_that_cannot_be_is_refused():
+    with pytest.raises(InputError, match="gravity is 0"):
+        Head(Measured(0.0, 0.0))
+    with pytest.raises(InputError, match="deviation of angle is -1"):
+        Head(Measured(G0, 0.0), angle=-1.0)
+    with pytest.raises(InputError, match="3 positions; a tumble test needs 4 or more"):
+        positions(3)
+
+
+def test_positions_say_what_to_do():
+    assert [p.in_words() for p in positions(4)][1] == "spindle at 90°"
+    assert [p.label for p in positions(4, back=True)][-2:] == ["p1_back", "p0_back"]
