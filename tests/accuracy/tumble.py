@@ -73,4 +73,4 @@ def bound(mean: Array, design: Array, covariance: Array) -> Array:
     design : (r, p) derivative of the mean; covariance : (r, r) of the readings.
     """
     assert len(mean) == len(design)
-    return np.linalg.inv(design.T @ np.linalg.solve(covariance, design))
+    return np.asarray(np.linalg.inv(design.T @ np.linalg.solve(covariance, design)), dtype=float)

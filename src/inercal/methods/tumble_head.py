@@ -38,9 +38,12 @@ class Head:
     gravity : Measured
         Local gravity, m/s².
     angle : float
-        Standard deviation of each position's angle, rad; independent from row to row.
+        Standard deviation of each row's angle, rad; white: a second visit to a position errs anew.
     zero : float
         Standard deviation of the head's zero against the level, rad; shared by all rows.
+    harmonics : tuple of float
+        Of harmonics 1, 2, … of the head's angle error: standard deviation of the amplitudes of
+        sine and of cosine, rad each. They repeat at every visit, and no residual shows the first.
 
     Raises
     ------
@@ -51,6 +54,7 @@ class Head:
     gravity: Measured
     angle: float = 0.0
     zero: float = 0.0
+    harmonics: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.gravity.value) and self.gravity.value > 0):
@@ -59,9 +63,21 @@ class Head:
             ("gravity", self.gravity.sd),
             ("angle", self.angle),
             ("zero", self.zero),
+            *((f"harmonic {h}", sd) for h, sd in enumerate(self.harmonics, start=1)),
         ):
             if not (np.isfinite(sd) and sd >= 0):
                 raise InputError(f"dividing head: deviation of {what} is {sd}; give it 0 or more")
+
+    def of_angles(self, angle: Array) -> Array:
+        """Return the covariance of the angles' errors, (r, r) rad², without that of the zero.
+
+        Amplitudes of sine and cosine of one deviation σ make σ² cos h(θᵢ − θⱼ).
+        """
+        apart = angle[:, None] - angle
+        total = self.angle**2 * np.eye(len(angle))
+        for h, sd in enumerate(self.harmonics, start=1):
+            total = total + sd**2 * np.cos(h * apart)
+        return total
 
 
 def positions(n: int, start: float = 0.0, back: bool = False) -> tuple[Position, ...]:
