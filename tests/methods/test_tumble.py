@@ -424,6 +424,12 @@ def test_what_cannot_be_used_is_refused_in_one_line(estimator: Estimator):
     for made in (triad().with_coefficients("k0"), single(measures="w").with_coefficients("bias")):
         with pytest.raises(InputError, match="takes one accelerometer"):
             run(estimator, plan, made)
+    with pytest.raises(InputError, match="has no coefficients to find"):
+        run(estimator, plan, single())
+    with pytest.raises(InputError, match="two positions have one label"):
+        run(estimator, (*plan, plan[0]), sensor())
+    with pytest.raises(InputError, match="a reading is stated without noise"):
+        estimator(seen(plan, DEVICE.reading(angles(plan)), 0.0), sensor(), EXACT, plan)
     with pytest.raises(InputError, match="row 'p11' is no position"):
         estimator(seen(plan, np.zeros(12)), sensor(), EXACT, plan[:11])
 
@@ -447,6 +453,8 @@ def test_a_bench_that_cannot_be_is_refused():
         Head(Measured(0.0, 0.0))
     with pytest.raises(InputError, match="deviation of angle is -1"):
         Head(Measured(G0, 0.0), angle=-1.0)
+    with pytest.raises(InputError, match="position p0: its angle is inf"):
+        Position("p0", float("inf"))
     with pytest.raises(InputError, match="deviation of harmonic 2 is nan"):
         Head(Measured(G0, 0.0), harmonics=(0.0, float("nan")))
     with pytest.raises(InputError, match="3 positions; a tumble test needs 4 or more"):

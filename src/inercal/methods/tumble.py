@@ -94,7 +94,8 @@ def least_squares(
     Raises
     ------
     InputError
-        Several axes or a gyro, fewer than four positions, or a row that is no step.
+        Several axes or a gyro, no coefficient, fewer than four different positions, two steps of
+        one label, a row that is no step, or one without noise.
     NotObserved
         Coefficients that these positions leave open, by name, and the harmonics that fold.
     """
@@ -136,10 +137,10 @@ def fourier(
     angle = _angles(observations, sensor, steps)
     terms = [name.partition(".")[2] for name in sensor.coefficients]
     others = [term for term in terms if term not in harmonics.TERMS]
-    if others or not terms:
+    if others:
         raise InputError(
-            f"estimator fourier finds {', '.join(harmonics.TERMS)}, not "
-            f"{', '.join(others) or 'nothing'}; least_squares finds what is chosen"
+            f"estimator fourier finds {', '.join(harmonics.TERMS)}, not {', '.join(others)}; "
+            "least_squares finds what is chosen"
         )
     if sensor.form != "reference":
         raise InputError("estimator fourier finds the reference form; tilted takes least_squares")
@@ -165,8 +166,8 @@ def fourier(
     spread[:-1, :-1] = observations.full_covariance + turned * np.outer(slope, slope)
     spread[-1, -1] = bench.gravity.sd**2
     value, covariance = propagate(formulas, x, spread)
-    information = np.linalg.inv(covariance / np.outer(sensor.natural, sensor.natural))
-    singular = np.sqrt(np.linalg.eigvalsh(information)[::-1])
+    variance = np.linalg.eigvalsh(covariance / np.outer(sensor.natural, sensor.natural))
+    singular = 1 / np.sqrt(variance)
     estimate = Estimate.of_formulas(sensor.coefficients, value, covariance, singular)
     return replace(estimate, notes=harmonics.notes(angle))
 
@@ -178,10 +179,16 @@ def _angles(observations: Observations, sensor: Sensor, steps: Sequence[Position
             f"a tumble test takes one accelerometer; sensor {sensor.name} has "
             f"{', '.join(f'{a.name} ({a.measures})' for a in sensor.axes)}"
         )
+    if not sensor.coefficients:
+        raise InputError(f"sensor {sensor.name} has no coefficients to find; choose some")
     by_label = {step.label: step.angle for step in steps}
+    if len(by_label) < len(steps):
+        raise InputError("two positions have one label; give each its own")
     strange = [label for label in observations.labels if label not in by_label]
     if strange:
         raise InputError(f"row {strange[0]!r} is no position; there are {', '.join(by_label)}")
+    if not (observations.covariance > 0).all():
+        raise InputError("a reading is stated without noise; give all of them their variance")
     angle = np.array([by_label[label] for label in observations.labels])
     n = len(harmonics.distinct(angle)[0]) if len(angle) else 0
     if n < FEWEST:

@@ -19,10 +19,20 @@ FEWEST = 4  # positions
 
 @dataclass(frozen=True)
 class Position:
-    """Keep the spindle at `angle`, rad: 0, π/2, π, 3π/2 = input axis level, up, level, down."""
+    """Keep the spindle at `angle`, rad: 0, π/2, π, 3π/2 = input axis level, up, level, down.
+
+    Raises
+    ------
+    InputError
+        An angle that is not finite.
+    """
 
     label: str
     angle: float
+
+    def __post_init__(self) -> None:
+        if not np.isfinite(self.angle):
+            raise InputError(f"position {self.label}: its angle is {self.angle}")
 
     def in_words(self) -> str:
         """Return what to do: "spindle at 30°"."""
