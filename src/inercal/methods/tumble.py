@@ -94,8 +94,8 @@ def least_squares(
     Raises
     ------
     InputError
-        Several axes or a gyro, no coefficient, fewer than four different positions, two steps of
-        one label, a row that is no step, or one without noise.
+        Several axes or a gyro, readings of another axis, no coefficient, fewer than four different
+        positions, two steps of one label, a row that is no step, or one without noise.
     NotObserved
         Coefficients that these positions leave open, by name, and the harmonics that fold.
     """
@@ -178,6 +178,11 @@ def _angles(observations: Observations, sensor: Sensor, steps: Sequence[Position
         raise InputError(
             f"a tumble test takes one accelerometer; sensor {sensor.name} has "
             f"{', '.join(f'{a.name} ({a.measures})' for a in sensor.axes)}"
+        )
+    if observations.channels != sensor.channels:
+        raise InputError(
+            f"readings are of {', '.join(observations.channels)}, the sensor's axis is "
+            f"{sensor.axes[0].name}"
         )
     if not sensor.coefficients:
         raise InputError(f"sensor {sensor.name} has no coefficients to find; choose some")
