@@ -31,7 +31,7 @@ LIMIT = 2.0  # s
 NOMINAL = 1.25  # output units per PAPER_G
 SD = 1e-5 / NOMINAL * PAPER_G  # m/s²
 SENSOR = replace(triad().with_coefficients("k0", "k1", "k2"), form="tilted")
-BENCH = Centrifuge(Measured(PAPER_G, 0.0), Measured(1.0, 0.0))
+BENCH = Centrifuge(Measured(PAPER_G, 0.0), Measured(1.0, 0.0), Measured(0.0, 0.0))
 
 
 def draw(trials: int) -> tuple[Array, Array]:
