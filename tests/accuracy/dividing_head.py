@@ -1,0 +1,101 @@
+"""Two accelerometers on a dividing head from the physics alone: nothing of inercal is imported.
+
+Readings in g, angles in rad. Accelerometer A is level at 0° and up at 90°, B a quarter turn on::
+
+    y = K0 + (1 + k1) a + K2 a² + K3 a³ + Kip a p,   a = sin(ψ + δ) cos λ, p = cos(ψ + δ) cos λ
+
+at the true angle ψ of the position, for B at ψ + 90°; λ is the spindle's lean. The common zero of
+the angle (base tilt) is off by a constant.
+"""
+
+from dataclasses import dataclass, field
+from math import pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+ARCSEC = pi / 648_000
+TERMS = ("k0", "k1", "delta", "k2", "k3", "kip")
+SIZES = {  # truth 1σ: µg, ppm, ″
+    "k0": 300e-6,
+    "k1": 200e-6,
+    "delta": 100 * ARCSEC,
+    "k2": 10e-6,
+    "k3": 5e-6,
+    "kip": 20e-6,
+}
+LARGE = SIZES | {"k0": 1e-3, "k1": 1e-3, "delta": 300 * ARCSEC}
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Standard deviations of a head and what stands on it; angles in ″, readings in g."""
+
+    head: float = 3.0
+    shares: tuple[float, float, float] = (0.4, 0.3, 0.3)  # of its variance: harmonics 1, 2, white
+    collimator: float = 0.1
+    collimated: str = "pairs"  # or "every", "none"
+    base: float = 5.0
+    cross: float = 20.0
+    noise: float = 0.2e-6
+    drift: float = 0.0  # g per pass, linear in the pass
+    sizes: dict[str, float] = field(default_factory=lambda: dict(SIZES))
+
+
+def angles(n: int, *, reverse: bool = False) -> Array:
+    """Return n even positions from 0, rad; with `reverse` the same again backwards."""
+    forward = 2 * pi / n * np.arange(n)
+    return np.concatenate([forward, forward[::-1]]) if reverse else forward
+
+
+def readings(truth: dict[str, Array], psi: Array, lean: Array) -> Array:
+    """Return noise-free readings, (..., r, 2) in g, at true angles (..., r)."""
+    columns: list[Array] = []
+    for k in range(2):
+        c = {name: truth[name][..., k, None] for name in TERMS}
+        at = psi + k * pi / 2 + c["delta"]
+        a, p = np.sin(at) * np.cos(lean)[..., None], np.cos(at) * np.cos(lean)[..., None]
+        columns.append(
+            c["k0"] + (1 + c["k1"]) * a + c["k2"] * a**2 + c["k3"] * a**3 + c["kip"] * a * p
+        )
+    return np.stack(columns, axis=-1)
+
+
+def draw(
+    seed: int, trials: int, bench: Bench, n: int = 12, *, reverse: bool = False
+) -> tuple[Array, dict[str, Array], Array]:
+    """Return angles (r,), the truth by term (trials, 2) and readings (trials, r, 2).
+
+    The same seed makes the same draws of everything, whatever the bench's deviations.
+    """
+    rng = np.random.default_rng([seed, 101852817])
+    theta = angles(n, reverse=reverse)
+    truth = {name: bench.sizes[name] * rng.standard_normal((trials, 2)) for name in TERMS}
+    amplitude = rng.standard_normal((trials, 4))
+    white = rng.standard_normal((trials, n))
+    if reverse:
+        white = np.concatenate([white, white[:, ::-1]], axis=1)
+    collimated = bench.collimator * rng.standard_normal((trials, len(theta)))
+    base, lean = ARCSEC * np.array([[bench.base], [bench.cross]]) * rng.standard_normal((2, trials))
+    noise = bench.noise * rng.standard_normal((trials, len(theta), 2))
+    first, second, rest = bench.head * np.sqrt(bench.shares)
+    head = (
+        first * (amplitude[:, :1] * np.sin(theta) + amplitude[:, 1:2] * np.cos(theta))
+        + second * (amplitude[:, 2:3] * np.sin(2 * theta) + amplitude[:, 3:] * np.cos(2 * theta))
+        + rest * white
+    )
+    if bench.collimated == "every":
+        head = collimated
+    elif bench.collimated == "pairs":
+        for passed in range(0, len(theta), n):
+            for target in (0.0, pi / 2):
+                one, other = (
+                    passed + int(np.argmin(np.abs(theta[passed : passed + n] - angle)))
+                    for angle in (target, target + pi)
+                )
+                # Both members are read on the autocollimator: their difference has both errors.
+                head[:, other] = head[:, one] + collimated[:, other] - collimated[:, one]
+    y = readings(truth, theta + ARCSEC * head + base[:, None], lean)
+    time = np.arange(len(theta)) / n
+    return theta, truth, y + noise + bench.drift * time[:, None]
