@@ -51,15 +51,15 @@ def angles(n: int, *, reverse: bool = False) -> Array:
 
 def readings(truth: dict[str, Array], psi: Array, lean: Array) -> Array:
     """Return noise-free readings, (..., r, 2) in g, at true angles (..., r)."""
-    columns: list[Array] = []
+    found = np.empty((*np.broadcast_shapes(psi.shape, truth["k0"][..., :1].shape), 2))
     for k in range(2):
         c = {name: truth[name][..., k, None] for name in TERMS}
         at = psi + k * pi / 2 + c["delta"]
         a, p = np.sin(at) * np.cos(lean)[..., None], np.cos(at) * np.cos(lean)[..., None]
-        columns.append(
+        found[..., k] = (
             c["k0"] + (1 + c["k1"]) * a + c["k2"] * a**2 + c["k3"] * a**3 + c["kip"] * a * p
         )
-    return np.stack(columns, axis=-1)
+    return found
 
 
 def draw(
@@ -97,5 +97,6 @@ def draw(
                 # Both members are read on the autocollimator: their difference has both errors.
                 head[:, other] = head[:, one] + collimated[:, other] - collimated[:, one]
     y = readings(truth, theta + ARCSEC * head + base[:, None], lean)
-    time = np.arange(len(theta)) / n
+    # The truth is that of the middle of the run.
+    time = (np.arange(len(theta)) - (len(theta) - 1) / 2) / n
     return theta, truth, y + noise + bench.drift * time[:, None]

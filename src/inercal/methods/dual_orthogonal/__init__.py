@@ -1,0 +1,135 @@
+"""Two orthogonal accelerometers on a dividing head: what they feel together is g.
+
+A head of 3″ is 15 µg at the horizon. Two accelerometers at right angles err there in opposite ways,
+so that ‖f̂‖ = g is free of the head; what g² does not tell (`square.NULLS`) an autocollimator does,
+or priors.
+
+* `joint`: both accelerometers' readings, exact, with the head's errors as nuisances.
+* `patent`: bias and gain from the four cardinal positions, then g² elsewhere.
+* `dual`: g² alone, with priors in the place of the autocollimator.
+* `single`: each accelerometer against the head taken as exact, the conventional tumble test.
+
+The sensor is that of `inercal.benches.dividing_head.mounted`.
+
+Source: CN101852817A (Harbin Institute of Technology, 2010) for `patent` and `dual`, rebuilt from
+the physics; IEEE Std 1293 for the tumble test; `joint` is ours.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches.dividing_head import DividingHead, Index
+from inercal.estimate import Estimate, Gaussian, least_squares
+from inercal.methods.dual_orthogonal import angles, square
+from inercal.methods.dual_orthogonal import patent as four
+from inercal.recording import Observations
+from inercal.sensors import Sensor
+
+Array = NDArray[np.float64]
+
+
+def joint(
+    observations: Observations,
+    sensor: Sensor,
+    bench: DividingHead,
+    steps: Sequence[Index],
+    priors: Sequence[Gaussian] = (),
+) -> Estimate:
+    """Return the coefficients and the head's errors, at the largest posterior probability.
+
+    Parameters
+    ----------
+    observations : Observations
+        One row a position, (..., r, 2) m/s².
+    sensor : Sensor
+        Of the fixture, with the coefficients that are wanted.
+    bench : DividingHead
+    steps : sequence of r Index
+        Of the rows.
+    priors : sequence of Gaussian
+        On coefficients, from elsewhere: K3 of a centrifuge, Kip of single tests.
+
+    Raises
+    ------
+    NotObserved
+        Coefficients that these positions leave open.
+    """
+    return least_squares(angles.problem(observations, sensor, bench, steps, priors))
+
+
+def patent(
+    observations: Observations,
+    sensor: Sensor,
+    bench: DividingHead,
+    steps: Sequence[Index],
+    priors: Sequence[Gaussian] = (),
+) -> Estimate:
+    """Return the coefficients by four points, then g² elsewhere; arguments as of `joint`.
+
+    The mounting angles are given without their common part.
+
+    Raises
+    ------
+    InputError
+        Priors on k0 or k1, or a sensor without them.
+    NotObserved
+        Cardinal positions that are missing, too few others, or K3 without a prior.
+    """
+    return four.estimate(observations, sensor, bench, steps, priors)
+
+
+def dual(
+    observations: Observations,
+    sensor: Sensor,
+    bench: DividingHead,
+    steps: Sequence[Index],
+    priors: Sequence[Gaussian] = (),
+) -> Estimate:
+    """Return the coefficients by g² alone, with what priors tell; arguments as of `joint`.
+
+    The mounting angles are given without their common part.
+
+    Raises
+    ------
+    NotObserved
+        Combinations of coefficients that g² and the priors leave free, named.
+    """
+    square.require_mounted(sensor)
+    square.require_told(sensor, bench, steps, priors)
+    return least_squares(square.problem(observations, sensor, bench, steps, priors))
+
+
+def single(
+    observations: Observations,
+    sensor: Sensor,
+    bench: DividingHead,
+    steps: Sequence[Index],
+    priors: Sequence[Gaussian] = (),
+) -> Estimate:
+    """Return the coefficients of each accelerometer for itself, the head taken as exact.
+
+    Arguments as of `joint`. The covariance holds what the bench's errors do to the result.
+
+    Raises
+    ------
+    NotObserved
+        Coefficients that these positions leave open.
+    """
+    asked = angles.problem(observations, sensor, bench, steps, priors, exact=True)
+    found = least_squares(asked)
+    _, rows = asked.linearise(asked.start)
+    rows = rows.reshape(-1, *rows.shape[-2:])[0]
+    assert not callable(asked.noise)
+    weighted = np.asarray(np.linalg.solve(asked.noise, rows), dtype=float)
+    gain = found.covariance @ np.swapaxes(weighted, -1, -2)
+    bench_alone = angles.by_bench(sensor, bench, steps)
+    return replace(
+        found,
+        covariance=found.covariance + gain @ bench_alone @ np.swapaxes(gain, -1, -2),
+        # The residuals hold the head's errors besides their noise: no test of either.
+        chi2=np.zeros(found.value.shape[:-1]),
+        dof=0,
+    )

@@ -1,0 +1,91 @@
+"""The four cardinal positions: bias, gain and K2 of both accelerometers from sums and differences.
+
+With u and v the readings at which an accelerometer lies level (0° and 180° for A, 270° and 90° for
+B) and n, m those at which it stands up and down (90° and 270°, 0° and 180°), in g::
+
+    K0 = (u + v)/2        k1 + K3 = √(((n − m)/2)² + ((u − v)/2)²) − 1        K2 = (n + m)/2 − K0
+
+The head is trimmed so that the members of a pair differ in angle by what the autocollimator cannot
+see, no more. The root takes out the mounting angle: to lowest order it adds ½ ((u − v)/2)²,
+without which an angle of 300″ leaves 1.1 µg.
+
+That angle is of the level positions, by the head's error another than that of those up and down. At
+these the other accelerometer lies level and tells it, once δ is known from g²::
+
+    k1 + K3 = (n − m) / (2 cos φ) − 1        φ_A = φ of B − δ        φ_B = φ of A + δ
+
+Source: CN101852817A, step 4, equations 17 and 18; the root and φ are ours.
+"""
+
+from collections.abc import Sequence
+from math import pi
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches.dividing_head import Index
+from inercal.errors import NotObserved
+
+Array = NDArray[np.float64]
+_SAME = 1e-9  # rad
+_CARDINAL = (0.0, pi / 2, pi, 1.5 * pi)
+_LEVEL, _UP = ((0, 2), (3, 1)), ((1, 3), (0, 2))  # of A and B, as indices of _CARDINAL
+
+
+class FourPoints(NamedTuple):
+    """Of A and B, (..., 2) each, in g."""
+
+    k0: Array
+    gain: Array  # k1 + K3
+    k2: Array
+
+
+def four_points(y: Array, delta: Array | None = None, *, corrected: bool = True) -> FourPoints:
+    """Return what the four cardinal positions tell.
+
+    Parameters
+    ----------
+    y : (..., 4, 2) array
+        Readings of A and B at 0°, 90°, 180°, 270°, g.
+    delta : (...) array, optional
+        δ = δ_B − δ_A where it is known, rad.
+    corrected : bool
+        Whether the mounting angle is taken out of the gain; False is for comparison.
+    """
+    k0, gain, k2, half, tilt = (np.empty((*y.shape[:-2], 2)) for _ in range(5))
+    for k in range(2):
+        u, v, n, m = (y[..., row, k] for row in (*_LEVEL[k], *_UP[k]))
+        k0[..., k] = (u + v) / 2
+        half[..., k], tilt[..., k] = (n - m) / 2, (u - v) / 2
+        k2[..., k] = (n + m) / 2 - k0[..., k]
+    if not corrected:
+        gain = half - 1
+    elif delta is None:
+        gain = np.hypot(half, tilt) - 1
+    else:
+        angle = np.arctan2(tilt, half)[..., ::-1] + np.stack([-delta, delta], axis=-1)
+        gain = half / np.cos(angle) - 1
+    return FourPoints(k0, gain, k2)
+
+
+def rows(steps: Sequence[Index]) -> Array:
+    """Return the matrix that averages the readings at each cardinal position, (4, r).
+
+    Raises
+    ------
+    NotObserved
+        A cardinal position that was not visited.
+    """
+    angles = np.array([step.angle for step in steps])
+    away = np.abs((angles - np.array(_CARDINAL)[:, None] + pi) % (2 * pi) - pi)
+    there = away < _SAME
+    lacking = [
+        f"{180 * angle / pi:.0f}°" for k, angle in enumerate(_CARDINAL) if not bool(there[k].any())
+    ]
+    if lacking:
+        raise NotObserved(
+            f"the four points need the head at {', '.join(lacking)}; use dual or joint",
+            tuple(lacking),
+        )
+    return there / there.sum(axis=1, keepdims=True)

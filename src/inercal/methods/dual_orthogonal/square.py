@@ -1,0 +1,237 @@
+"""The g² observation: two orthogonal accelerometers feel g together, whatever the head's angle.
+
+In g, with s = sin θ, c = cos θ and δ = δ_B − δ_A, z = ½(y_A² + y_B² − 1) is to first order
+
+    z = K_A0 s + K_B0 c + k_A1 s² + k_B1 c² − δ s c + K_A2 s³ + K_B2 c³ + K_A3 s⁴ + K_B3 c⁴
+        + K_Aip s² c − K_Bip s c²
+
+from which the head's error has gone. Here it serves for what it shows alone: eight of the eleven
+coefficients' combinations. An estimate takes the exact form: with f̂ the force in the plane of
+rotation that the sensor's whole model finds behind both readings, ‖f̂‖ = g. With the readings
+compensated to α and β this is α² + β² + 2αβ sin δ = cos² δ, free of the angle to all orders.
+
+The exact form is not blind to the three combinations to all orders: they show through products of
+errors. That is no measurement of them, and it is not taken for one: what is observed is judged at
+the nominal sensor.
+
+Source: CN101852817A (Harbin Institute of Technology, 2010), step 3, rebuilt from the physics.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches.dividing_head import DividingHead, Index, felt
+from inercal.errors import InputError
+from inercal.estimate import Gauge, Gaussian, Problem, least_squares
+from inercal.motion import Motion
+from inercal.recording import Observations
+from inercal.sensors import Sensor
+
+Array = NDArray[np.float64]
+TERMS = (
+    "a.k0",
+    "b.k0",
+    "a.k1",
+    "b.k1",
+    "delta",
+    "a.k2",
+    "b.k2",
+    "a.k3",
+    "b.k3",
+    "a.kip",
+    "b.kip",
+)
+NULLS: tuple[tuple[str, dict[str, float]], ...] = (
+    ("harmonic 1 of A", {"a.k0": 1.0, "a.k2": -1.0, "b.kip": 1.0}),
+    ("harmonic 1 of B", {"b.k0": 1.0, "b.k2": -1.0, "a.kip": -1.0}),
+    ("k1 against K3", {"a.k1": 1.0, "b.k1": -1.0, "a.k3": -1.0, "b.k3": 1.0}),
+)
+ANGLES = ("a.delta_o", "b.delta_o")
+_NEWTON = 4  # from an error of 1e-3 each step squares it
+_ROUNDING = 2.0**-50
+
+
+def design(theta: Array) -> Array:
+    """Return ∂z/∂(coefficients in g) at angles (..., r) rad: (..., r, 11), columns as `TERMS`."""
+    s, c = np.sin(theta), np.cos(theta)
+    columns = (s, c, s**2, c**2, -s * c, s**3, c**3, s**4, c**4, s**2 * c, -s * c**2)
+    return np.stack(columns, axis=-1)
+
+
+def null_vectors(sensor: Sensor) -> tuple[tuple[str, Array], ...]:
+    """Return those null directions whose coefficients the sensor has, (p,) each in SI."""
+    found: list[tuple[str, Array]] = []
+    for words, weights in NULLS:
+        if set(weights) <= set(sensor.coefficients):
+            row = np.zeros(len(sensor.coefficients))
+            for name, weight in weights.items():
+                k = sensor.coefficients.index(name)
+                row[k] = weight * sensor.natural[k]
+            found.append((words, row))
+    return tuple(found)
+
+
+class Seen(NamedTuple):
+    """What `compare` returns; shapes for r rows and p coefficients."""
+
+    residual: Array  # (..., r), g − ‖f̂‖, m/s²
+    jacobian: Array  # (..., r, p), ∂‖f̂‖/∂c
+    by_reading: Array  # (..., r, 2), ∂‖f̂‖/∂y
+
+
+def compare(sensor: Sensor, y: Array, c: Array, g: float) -> Seen:
+    """Return how far the force in the plane behind the readings is from g.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        As `inercal.benches.dividing_head.mounted`: axes along x and y.
+    y : (..., r, 2) array
+        Readings, m/s².
+    c : (..., p) array
+        Coefficients, SI.
+    g : float
+        m/s².
+    """
+    lead = np.broadcast_shapes(y.shape[:-2], c.shape[:-1])
+    f = np.zeros((*lead, y.shape[-2], 3))
+    f[..., :2] = y
+    for _ in range(_NEWTON):
+        reading, _, slope = sensor.linearise(Motion(f), c)
+        step = np.linalg.solve(slope[..., :2], (y - reading)[..., None])[..., 0]
+        f = np.concatenate([f[..., :2] + step, f[..., 2:]], axis=-1)
+    _, made, slope = sensor.linearise(Motion(f), c)
+    length = np.linalg.norm(f, axis=-1)
+    up = f[..., :2] / length[..., None]
+    # h(f̂; c) = y holds: ∂f̂/∂y = S⁻¹ and ∂f̂/∂c = −S⁻¹ ∂h/∂c.
+    to_reading = np.asarray(
+        np.linalg.solve(np.swapaxes(slope[..., :2], -1, -2), up[..., None])[..., 0], dtype=float
+    )
+    return Seen(g - length, -(to_reading[..., None, :] @ made)[..., 0, :], to_reading)
+
+
+def problem(
+    observations: Observations,
+    sensor: Sensor,
+    bench: DividingHead,
+    steps: Sequence[Index],
+    priors: Sequence[Gaussian] = (),
+) -> Problem:
+    """Return the problem of g² at every position.
+
+    Parameters
+    ----------
+    observations : Observations
+        (..., r, 2), m/s².
+    sensor : Sensor
+    bench : DividingHead
+        Of which gravity counts alone.
+    steps : sequence of r Index
+    priors : sequence of Gaussian
+        On coefficients.
+    """
+    require_mounted(sensor)
+    y, g = observations.mean, bench.gravity.value
+    p = len(sensor.coefficients)
+    nominal = felt(bench, steps, {}).f[..., :2]
+    up = nominal / np.linalg.norm(nominal, axis=-1, keepdims=True)
+    # The noise is seen along the nominal force: a mounting angle of 300″ changes it by a millionth.
+    noise = along(up, observations.full_covariance)
+
+    def linearise(x: Array) -> tuple[Array, Array]:
+        seen = compare(sensor, y, x, g)
+        return seen.residual, seen.jacobian
+
+    return Problem(
+        names=sensor.coefficients,
+        start=np.zeros(p),
+        linearise=linearise,
+        noise=noise + bench.gravity.sd**2,
+        scale=sensor.natural,
+        priors=tuple(priors),
+        gauges=gauges(sensor),
+        observations=observations.labels,
+        known_nulls=null_vectors(sensor),
+        rounding=g / float(np.sqrt(np.diagonal(noise, axis1=-2, axis2=-1).min())) * _ROUNDING,
+    )
+
+
+def along(up: Array, covariance: Array) -> Array:
+    """Return the covariance along `up`, (..., r, r).
+
+    Parameters
+    ----------
+    up : (r, 2) array
+        Unit vectors.
+    covariance : (..., 2r, 2r) array
+        Of all readings, row after row.
+    """
+    r = len(up)
+    rows = np.zeros((r, r, 2))
+    rows[np.arange(r), np.arange(r)] = up
+    rows = rows.reshape(r, 2 * r)
+    return rows @ covariance @ rows.T
+
+
+def gauges(sensor: Sensor) -> tuple[Gauge, ...]:
+    """Return the gauge that fixes the common mounting angle, which no g² sees."""
+    if not set(ANGLES) <= set(sensor.coefficients):
+        return ()
+    return (Gauge("no common mounting angle", ANGLES, np.ones((1, 2)), np.zeros(1)),)
+
+
+def require_told(
+    sensor: Sensor, bench: DividingHead, steps: Sequence[Index], priors: Sequence[Gaussian]
+) -> None:
+    """Refuse coefficients that g² and the priors leave free at the nominal sensor.
+
+    Raises
+    ------
+    NotObserved
+        Naming the null directions.
+    """
+    nominal = felt(bench, steps, {}).f[..., :2]
+    r = len(steps)
+    exact = Observations(
+        tuple(step.label for step in steps),
+        nominal,
+        np.broadcast_to(np.eye(2), (r, 2, 2)),
+        np.ones(r),
+        np.ones(r, dtype=np.int64),
+        np.arange(r, dtype=float),
+        sensor.channels,
+    )
+    least_squares(problem(exact, sensor, bench, steps, centred(priors)))
+
+
+def centred(priors: Sequence[Gaussian]) -> tuple[Gaussian, ...]:
+    """Return the priors about the nominal sensor."""
+    return tuple(replace(prior, mean=np.zeros(len(prior.names))) for prior in priors)
+
+
+def require_mounted(sensor: Sensor) -> None:
+    """Refuse a sensor that is not the fixture's.
+
+    Raises
+    ------
+    InputError
+        Other axes than two accelerometers a and b, along x and y with P in the plane; or mounting
+        angles in the reference form.
+    """
+    expected = {"a": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), "b": ((0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))}
+    found = {axis.name: (axis.i, axis.p) for axis in sensor.axes if axis.measures == "f"}
+    same = found.keys() == expected.keys() and len(sensor.axes) == 2
+    if not same or not all(np.allclose(found[name], expected[name]) for name in expected):
+        raise InputError(
+            f"sensor {sensor.name}: the fixture holds two accelerometers, a along x with P along y "
+            "and b along y with P against x"
+        )
+    if sensor.form != "tilted" and set(ANGLES) & set(sensor.coefficients):
+        raise InputError(
+            f"sensor {sensor.name}: the reference form has no cosine of a mounting angle, 1 µg at "
+            '300″; state form = "tilted"'
+        )
