@@ -45,7 +45,7 @@ class Bench:
 
 def angles(n: int, *, reverse: bool = False) -> Array:
     """Return n even positions from 0, rad; with `reverse` the same again backwards."""
-    forward = 2 * pi / n * np.arange(n)
+    forward = np.arange(n, dtype=np.float64) * (2 * pi / n)
     return np.concatenate([forward, forward[::-1]]) if reverse else forward
 
 

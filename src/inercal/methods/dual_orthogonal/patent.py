@@ -85,24 +85,17 @@ def estimate(
         fixed = held(observations.mean, delta)
         found = least_squares(_problem(seen_there, sensor, bench, maps, up, fixed, tuple(priors)))
 
-    # Both stages linear in the readings, at the nominal sensor: dx = H⁻¹JᵀW dr, where the residual
-    # moves by dr = −∂‖f̂‖/∂y dy − ∂‖f̂‖/∂c (held) dy.
     seen = square.compare(sensor, at_nominal.mean, np.zeros(len(sensor.coefficients)), g)
-    r = len(steps)
     to_held = jacobian(
-        lambda flat: held(flat.reshape(*flat.shape[:-1], r, 2)), nominal.ravel(), np.array(1e-3)
+        lambda flat: held(flat.reshape(*flat.shape[:-1], len(steps), 2)),
+        nominal.ravel(),
+        np.array(1e-3),
     )
-    by_reading = np.zeros((len(others), r, 2))
-    by_reading[np.arange(len(others)), others] = seen.by_reading
-    moved = -by_reading.reshape(len(others), -1) - seen.jacobian @ maps.held @ to_held
     assert not callable(asked.noise)
-    weighted = np.linalg.solve(asked.noise, seen.jacobian @ maps.free)
-    inside = structure.covariance
-    gain = maps.held @ to_held + maps.free @ inside @ np.swapaxes(weighted, -1, -2) @ moved
-    told = sum((_normal(prior, maps.names) for prior in priors), np.zeros((len(maps.names),) * 2))
-    stated = maps.free @ inside
     readings = observations.full_covariance + by_bench(sensor, bench, steps)
-    covariance = gain @ readings @ np.swapaxes(gain, -1, -2) + stated @ told @ stated.T
+    covariance = _of_both_stages(
+        maps, seen, others, to_held, structure.covariance, asked.noise, readings, priors
+    )
     value = fixed @ maps.held.T + found.value @ maps.free.T
     return replace(
         found,
@@ -118,6 +111,47 @@ def estimate(
         null_directions=structure.null_directions,
         weakest=structure.weakest,
     )
+
+
+def _of_both_stages(
+    maps: _Maps,
+    seen: square.Seen,
+    others: list[int],
+    to_held: Array,
+    inside: Array,
+    noise: Array,
+    readings: Array,
+    priors: Sequence[Gaussian],
+) -> Array:
+    """Return the covariance of all coefficients, both stages being linear in the readings.
+
+    The second one moves by dx = H⁻¹JᵀW dr where its residual does by dr = −∂‖f̂‖/∂y dy −
+    ∂‖f̂‖/∂c (held) dy, H⁻¹ = `inside` and W⁻¹ = `noise`; priors err by their own covariance.
+
+    Parameters
+    ----------
+    maps : _Maps
+    seen : Seen
+        Of the other positions, at the nominal sensor.
+    others : list of int
+        Their rows.
+    to_held : (4, 2r) array
+        ∂(held)/∂y.
+    inside, noise, readings : arrays
+        Covariance of the second stage alone, of its residuals and of all readings, (2r, 2r).
+    priors : sequence of Gaussian
+    """
+    n = len(others)
+    by_reading = np.zeros((n, to_held.shape[-1] // 2, 2))
+    by_reading[np.arange(n), others] = seen.by_reading
+    moved = -by_reading.reshape(n, -1) - seen.jacobian @ maps.held @ to_held
+    weighted = np.asarray(np.linalg.solve(noise, seen.jacobian @ maps.free), dtype=float)
+    stated = maps.free @ inside
+    gain = maps.held @ to_held + stated @ np.swapaxes(weighted, -1, -2) @ moved
+    size = len(maps.names)
+    told = sum((_normal(prior, maps.names) for prior in priors), np.zeros((size, size)))
+    own = stated @ told @ np.swapaxes(stated, -1, -2)
+    return gain @ readings @ np.swapaxes(gain, -1, -2) + own
 
 
 def _maps(sensor: Sensor, g: float) -> _Maps:
