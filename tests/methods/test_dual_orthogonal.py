@@ -3,6 +3,7 @@
 Numbers of the note were computed apart from this project; data by `tests.accuracy.dividing_head`.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -430,6 +431,22 @@ def test_calibrations_together_are_those_of_each_alone(method: str):
         assert np.abs((together.value[t] - alone.value)[:12] / sd[:12]).max() < 1e-6
         away = (together.covariance[t] - alone.covariance) / np.outer(sd, sd)
         assert np.abs(away).max() < 1e-6
+
+
+@pytest.mark.parametrize("estimator", [single, dual, patent, joint])
+def test_each_trial_may_have_its_own_noise(estimator: Callable[..., Estimate]):
+    given = case(1, 3, Bench())
+    told = [known(given, "kip", 20), known(given, "k3", 0.5)]
+    priors = [] if estimator is single else told
+    each = np.broadcast_to(given.seen.covariance, (3, *given.seen.covariance.shape)).copy()
+    each[1:] *= 4
+    own = replace(given.seen, covariance=each)
+    found = estimator(own, SENSOR, given.bench, given.steps, priors)
+    common = estimator(given.seen, SENSOR, given.bench, given.steps, priors)
+    k1 = SENSOR.coefficients.index("a.k1")
+    assert found.value[0] == pytest.approx(common.value[0], rel=1e-6, abs=1e-12)
+    assert found.covariance[0, k1, k1] == pytest.approx(common.covariance[0, k1, k1])
+    assert found.covariance[1, k1, k1] > common.covariance[1, k1, k1]
 
 
 def test_what_does_not_fit_is_refused():

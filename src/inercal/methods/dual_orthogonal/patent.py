@@ -192,7 +192,7 @@ def _problem(
     smallest = float(np.sqrt(np.diagonal(noise, axis1=-2, axis2=-1).min()))
     return Problem(
         names=maps.names,
-        start=np.zeros(len(maps.names)),
+        start=np.zeros((*noise.shape[:-2], len(maps.names))),  # each trial may have its noise
         linearise=linearise,
         noise=noise,
         scale=natural,
