@@ -60,7 +60,7 @@ class Norm(NamedTuple):
     up: Array  # (..., r, 3), f̂ / ‖f̂‖
     by_coefficient: Array  # (..., r, 3, p), ∂f̂/∂c
     by_reading: Array  # (..., r or 1, 3, m), ∂f̂/∂y
-    by_rate: Array  # (..., r, 3), ∂‖f̂‖/∂ω
+    by_rate: Array  # (..., r, 3), ∂‖f̂‖/∂ω; zero where no ω was given
 
 
 def norm(sensor: Sensor, y: Array, c: Array, g: Array, w: Array | None = None) -> Norm:
@@ -96,7 +96,9 @@ def norm(sensor: Sensor, y: Array, c: Array, g: Array, w: Array | None = None) -
     jacobian = np.empty((*length.shape, c.shape[-1] + 1))
     jacobian[..., :-1] = (up[..., None, :] @ by_coefficient)[..., 0, :]
     jacobian[..., -1] = -1.0
-    by_rate = -(up[..., None, :] @ back @ slope[..., 3:])[..., 0, :]
+    by_rate: Array = np.broadcast_to(0.0, felt.shape)
+    if w is not None:
+        by_rate = -(up[..., None, :] @ back @ slope[..., 3:])[..., 0, :]
     residual = np.where(seen, g - length, np.nan)
     return Norm(residual, jacobian, felt, up, by_coefficient, back, by_rate)
 

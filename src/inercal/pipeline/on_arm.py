@@ -1,6 +1,7 @@
 """From a run on a centrifuge to observations: a table of dwells, or a recording of arm runs."""
 
 from dataclasses import replace
+from math import pi
 
 import numpy as np
 
@@ -76,16 +77,17 @@ def _table(run: Run, bench: Centrifuge) -> Gathered:
                 f"{table.numbers(named[name])[bad[0]]:g}; give the arm's rate or angle, or take "
                 "the row out"
             )
-    size = units["arm_rate"]
     rates = said["arm_rate"]
-    unit = run.data.arm_rate_unit
-    shown = [f"{rate / size:.6g} {unit}" if not unit[:1].isdigit() else "" for rate in rates]
-    shown = [s or f"{rate * 30 / np.pi:.6g} rpm" for s, rate in zip(shown, rates, strict=True)]
+    size, unit = units["arm_rate"], run.data.arm_rate_unit
+    if unit[:1].isdigit():
+        size, unit = pi / 30, "rpm"  # the size of one step is no name of a unit
     if wanted.label is None:
         names = [f"row {k}" for k in range(1, len(rates) + 1)]
     else:
         names = [_plain(value) for value in table.columns[wanted.label].tolist()]
-    labels = tuple(f"{name} at {rate}" for name, rate in zip(names, shown, strict=True))
+    labels = tuple(
+        f"{name} at {rate:.6g} {unit}" for name, rate in zip(names, rates / size, strict=True)
+    )
     durations = np.ones(len(labels))  # nothing depends on them
     observations = means_of(path, table, labels, wanted, run.sensor, stated_sd(run), durations)
     attitudes = [None] * len(labels)
