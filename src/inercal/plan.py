@@ -4,7 +4,10 @@ A step's label names the section of the recording that it leaves.
 """
 
 from dataclasses import dataclass
-from math import acos, cos, degrees, pi, sin, sqrt
+from math import acos, cos, degrees, isfinite, pi, sin, sqrt
+from typing import Literal
+
+from inercal.errors import InputError
 
 Vector = tuple[float, float, float]
 _NOTICED = 0.15  # of a direction: a smaller part is not worth a word
@@ -86,8 +89,49 @@ class Spin:
         return f"{text}, {direction(self.attitude.out)} outwards, {direction(self.attitude.up)} up"
 
 
+@dataclass(frozen=True)
+class Index:
+    """Turn a dividing head to an angle and hold it there.
+
+    Parameters
+    ----------
+    label : str
+    angle : float
+        Of the head, rad.
+    sense : 1 or -1
+        Of the pass: forward or reverse.
+    level : float
+        Tilt of the base about the spindle by a level on it, rad, in the sense of `angle`.
+    reading : float
+        What the autocollimator read beyond the angle's nominal one, rad, in the sense of `angle`.
+    seconds : float
+        Length of the hold.
+
+    Raises
+    ------
+    InputError
+        An angle, a level or a reading that is not finite.
+    """
+
+    label: str
+    angle: float
+    sense: Literal[1, -1] = 1
+    level: float = 0.0
+    reading: float = 0.0
+    seconds: float = 0.0
+
+    def __post_init__(self) -> None:
+        for what in ("angle", "level", "reading"):
+            if not isfinite(getattr(self, what)):
+                raise InputError(f"position {self.label}: its {what} is {getattr(self, what)}")
+
+    def in_words(self) -> str:
+        """Return what to do: "head at 30°, forward"."""
+        return f"head at {degrees(self.angle):.6g}°, {'forward' if self.sense > 0 else 'reverse'}"
+
+
 HandStep = Hold | Turn
-Step = HandStep | Spin
+Step = HandStep | Spin | Index
 
 
 def direction(vector: Vector) -> str:

@@ -1,11 +1,15 @@
 """The dividing head: what acts on which position, and its slopes."""
 
+from dataclasses import replace
 from math import pi
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from inercal.benches.dividing_head import DividingHead, felt, mounted, positions
+from inercal.benches.passes import passes, ramps
 from inercal.errors import InputError
 from inercal.units import Measured
 
@@ -25,7 +29,16 @@ def test_x_is_level_then_up_then_level_then_down():
 def test_slopes_are_those_of_the_force(collimated: str):
     assert collimated in ("pairs", "every", "none")
     bench = DividingHead(
-        Measured(9.8, 1e-5), (1e-5, 2e-5), 1e-5, 5e-7, collimated, 1e-5, 1e-7, 1e-4
+        Measured(9.8, 1e-5),
+        (1e-5, 2e-5, 1e-6),
+        1e-5,
+        5e-7,
+        collimated,
+        certificate=1e-6,
+        base=1e-5,
+        pier=1e-7,
+        creep=1e-6,
+        lean=1e-4,
     )
     steps = positions(8, reverse=True)
     rng = np.random.default_rng(2)
@@ -67,6 +80,83 @@ def test_a_level_on_the_base_tells_its_tilt():
     assert np.array_equal(felt(BENCH, told, {}).f, felt(BENCH, steps, pier).f)
 
 
+def test_what_the_autocollimator_reads_takes_the_heads_place():
+    steps = [replace(s, reading=1e-6 * k) for k, s in enumerate(positions(4), start=1)]
+    faces = (0.0, 5e-6, -3e-6, 2e-6, 7e-6, 0.0, 0.0, 0.0)  # read at 0°, 45°, 90°, …
+    every = replace(BENCH, collimated="every", polygon=faces)
+    assert angle(felt(every, steps, {}).f) == pytest.approx(
+        np.array([1e-6, 2e-6 - 3e-6, 3e-6 + 7e-6, 4e-6]), abs=1e-14
+    )
+    pairs = replace(BENCH, collimated="pairs", polygon=faces)
+    assert angle(felt(pairs, steps, {}).f) == pytest.approx(
+        np.array([0.0, 0.0, 2e-6 + 7e-6, 2e-6 + 3e-6]), abs=1e-14
+    )
+    assert np.array_equal(angle(felt(replace(BENCH, collimated="none"), steps, {}).f), np.zeros(4))
+
+
+def angle(f: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return by how much the head stood beyond 0°, 90°, 180°, 270°."""
+    away = np.arctan2(f[:, 0], f[:, 1]) - pi / 2 * np.arange(4)
+    return (away + pi) % (2 * pi) - pi
+
+
+def test_a_face_errs_alike_in_both_passes_and_in_both_members_of_a_pair():
+    bench = replace(BENCH, certificate=5e-7)
+    forth = positions(4, reverse=True)
+    made = felt(replace(bench, collimated="every"), forth, {})
+    weights = {
+        name: np.round((by[:, :2] * [[0, -1]] + by[:, :2] * [[1, 0]]).sum(-1) / 9.8, 9)
+        for name, by in made.by.items()
+    }
+    assert np.flatnonzero(weights["polygon[f02]"]).tolist() == [1, 6]
+    assert "division[f01]" not in made.by
+    pairs = felt(bench, forth, {})
+    turned = {name: np.hypot(*by[:, :2].T) / 9.8 for name, by in pairs.by.items()}
+    assert np.flatnonzero(turned["polygon[f01]"]).tolist() == [2, 5]
+    assert np.array_equal(pairs.by["polygon[f01]"], -pairs.by["polygon[f03]"])
+
+
+def test_drifts_go_on_from_pass_to_pass_about_the_mean():
+    made = ramps(positions(4, reverse=True))
+    assert made.shape == (2, 8)
+    assert made.sum(axis=1) == pytest.approx(0, abs=1e-15)
+    assert np.diff(made, axis=1)[:, 2] == pytest.approx([0.25, 0])
+    assert np.diff(made, axis=1)[:, 3] == pytest.approx([0.25, 0])
+    assert np.diff(made, axis=1)[:, 4] == pytest.approx([0, 0.25])
+    assert passes([*positions(3), *positions(3), *positions(3, reverse=True)]) == (
+        [0] * 3 + [1] * 3 + [2] * 3 + [3] * 3
+    )
+    declared = replace(BENCH, drift=1e-5).nuisances(positions(4, reverse=True), ("a", "b"))
+    assert [name for name in declared if name.startswith("drift")] == [
+        "drift_a[pass 1]",
+        "drift_a[pass 2]",
+        "drift_b[pass 1]",
+        "drift_b[pass 2]",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"gravity": Measured(0.0, 0.0)}, "gravity is 0.0"),
+        ({"gravity": Measured(9.8, -1.0)}, "deviation of gravity"),
+        ({"division": -1.0}, "deviation of division"),
+        ({"harmonics": (0.0, float("nan"))}, "deviation of harmonic 2"),
+        ({"drift": float("inf")}, "deviation of drift"),
+        ({"polygon": (0.0, float("nan"))}, "face is not finite"),
+    ],
+)
+def test_a_bench_that_cannot_be_is_refused(change: dict[str, Any], words: str):
+    with pytest.raises(InputError, match=words):
+        replace(BENCH, **change)
+
+
+def test_a_polygon_of_other_faces_is_refused():
+    bench = replace(BENCH, collimated="every", polygon=(0.0,) * 8)
+    with pytest.raises(InputError, match=r"f02: 30° is on no face of a polygon of 8"):
+        felt(bench, positions(12), {})
+
+
 def test_words_and_refusals():
     forward, *_, last = positions(12, reverse=True)
     assert forward.in_words() == "head at 0°, forward"
@@ -74,3 +164,7 @@ def test_words_and_refusals():
     assert positions(12)[1].angle == pytest.approx(pi / 6)
     with pytest.raises(InputError, match="0 positions"):
         positions(0)
+    with pytest.raises(InputError, match="3 accelerometers"):
+        mounted(axes=("a", "b", "c"))
+    with pytest.raises(InputError, match="its reading is nan"):
+        replace(forward, reading=float("nan"))

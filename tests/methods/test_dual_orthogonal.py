@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from tests.accuracy import dividing_head as made
 from tests.accuracy.dividing_head import ARCSEC, LARGE, TERMS, Bench, draw
 
-from inercal.benches.dividing_head import DividingHead, Index, felt, mounted, positions
+from inercal.benches.dividing_head import DividingHead, felt, mounted, positions
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate, Gaussian
 from inercal.methods.dual_orthogonal import dual, joint, patent, single, square
 from inercal.methods.dual_orthogonal.four_points import four_points
+from inercal.plan import Index
 from inercal.recording import Observations
 from inercal.sensors import G0, Sensor, pair
 from inercal.uncertainty.propagation import jacobian

@@ -1,4 +1,4 @@
-"""A dividing head with its spindle level: two accelerometers turned through the plumb line.
+"""A dividing head with its spindle level: accelerometers turned through the plumb line.
 
 At the position θ of the head the sensor stands at ψ, and feels in its own frame, with x and y in
 the plane of rotation and z along the spindle::
@@ -7,65 +7,43 @@ the plane of rotation and z along the spindle::
     ψ = θ + Δ(θ) + base + pier + level
 
 so that x is level at 0°, up at 90°, and y a quarter turn on. λ is the spindle's lean out of the
-level; `base` the angle of the head's zero against the plumb line, common to the run; `pier` the
-tilt of the base at each position about it, of which a level on the base tells `level`.
+level; `base` the angle of the head's zero against the plumb line, common to the run; `creep` and
+`pier` the tilt of the base about it, steady over a pass and white, beyond what a level on the base
+tells.
 
-The head errs by Δ: harmonics 1 and 2 of θ and a white part of each graduation. An autocollimator
-before a polygon mirror on the spindle takes the head's place where it is used:
+The head errs by Δ: harmonics of θ and a white part of each graduation. An autocollimator before a
+polygon mirror on the spindle takes the head's place where it is used:
 
     "pairs"  180° is trimmed to what 0° read, 270° to what 90° read, in each pass: the angle of the
              second is that of the first and a difference of √2 times the autocollimator's deviation
     "every"  a polygon face at every position: each angle has the autocollimator's own error
     "none"   the head alone
 
-The autocollimator stands on the base, and does not see it tilt.
+Where it was read, and not brought to its mark, its readings count. Faces of the polygon deviate
+from even angles by what its certificate states, within `certificate`. The autocollimator stands on
+the base, and does not see it tilt.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from math import pi, sqrt
+from dataclasses import dataclass, field, fields
+from math import cos, degrees, isfinite, pi, sin, sqrt
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.benches.passes import SAME, beyond_turns, passes, ramps
 from inercal.errors import InputError
 from inercal.parameters import Parameter
-from inercal.sensors import Axis, Sensor
+from inercal.plan import Index
+from inercal.sensors import Axis, Noise, Readout, Sensor
 from inercal.units import Measured
 
 Array = NDArray[np.float64]
 Collimated = Literal["pairs", "every", "none"]
-HARMONICS = ("sin1", "cos1", "sin2", "cos2")
-_SAME = 1e-9  # rad; closer angles are one position of the head
-
-
-@dataclass(frozen=True)
-class Index:
-    """Turn the head to an angle and hold it there.
-
-    Parameters
-    ----------
-    label : str
-    angle : float
-        Of the head, rad.
-    sense : 1 or -1
-        Of the pass: forward or reverse.
-    level : float
-        Tilt of the base about the spindle by a level on it, rad, in the sense of `angle`.
-    seconds : float
-        Length of the hold.
-    """
-
-    label: str
-    angle: float
-    sense: Literal[1, -1] = 1
-    level: float = 0.0
-    seconds: float = 0.0
-
-    def in_words(self) -> str:
-        """Return what to do: "head at 30°, forward"."""
-        return f"head at {self.angle * 180 / pi:.4g}°, {'forward' if self.sense > 0 else 'reverse'}"
+_NOMINAL, _SILENT = Readout(), Noise()
+_ON_FACE = 1e-4  # rad; a position that is further from a face is on none
+_ROUNDED = 1e-15  # of a sine that is zero
 
 
 def positions(n: int = 12, *, reverse: bool = False, seconds: float = 0.0) -> tuple[Index, ...]:
@@ -90,14 +68,27 @@ def positions(n: int = 12, *, reverse: bool = False, seconds: float = 0.0) -> tu
     return (*forward, *back[::-1])
 
 
-def mounted(name: str = "pair") -> Sensor:
-    """Return two accelerometers as the fixture holds them: a along x, b along y.
+def mounted(
+    name: str = "pair",
+    axes: Sequence[str] = ("a", "b"),
+    readout: Readout = _NOMINAL,
+    noise: Noise = _SILENT,
+) -> Sensor:
+    """Return one or two accelerometers as the fixture holds them: the first along x, then y.
 
-    Both have P in the plane of rotation, a quarter turn on, and O along the spindle: each feels a
+    All have P in the plane of rotation, a quarter turn on, and O along the spindle: each feels a
     mounting angle as δ_O and its in-plane cross term as K_ip.
+
+    Raises
+    ------
+    InputError
+        Other than one or two axes.
     """
     x, y, back = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)
-    return Sensor(name, (Axis("a", "f", x, y), Axis("b", "f", y, back)), form="tilted")
+    if not 1 <= len(axes) <= len(held := ((x, y), (y, back))):
+        raise InputError(f"{len(axes)} accelerometers; the fixture holds one or two")
+    made = (Axis(a, "f", i, p, readout, noise) for a, (i, p) in zip(axes, held, strict=False))
+    return Sensor(name, tuple(made), form="tilted")
 
 
 @dataclass(frozen=True)
@@ -108,61 +99,123 @@ class DividingHead:
     ----------
     gravity : Measured
         Local gravity, m/s².
-    harmonics : pair of float
-        Standard deviations of the sine and cosine amplitude of harmonic 1, and of harmonic 2, rad.
+    harmonics : tuple of float
+        Of harmonics 1, 2, … of the head's error: standard deviation of the amplitudes of sine and
+        of cosine, rad each.
     division : float
-        Standard deviation of each graduation besides, rad.
+        Standard deviation of each graduation besides, rad; it errs alike at each visit.
     autocollimator : float
         Standard deviation of one reading, rad.
     collimated : "pairs", "every" or "none"
         Where the autocollimator is read.
+    polygon : tuple of float
+        Certified deviation of each face from its even angle, rad; the first face is read at 0.
+        Empty is even.
+    certificate : float
+        Standard deviation of each of these, rad.
     base : float
         Standard deviation of the zero of the head against the plumb line, rad.
     pier : float
         Standard deviation of the base's tilt at each position, beyond `Index.level`, rad.
+    creep : float
+        Standard deviation of the base's tilt over one pass, beyond `Index.level`, rad.
     lean : float
         Standard deviation of the spindle's lean out of the level, rad.
+    drift : float
+        Standard deviation of the drift of each accelerometer's bias over one pass, m/s².
+
+    Raises
+    ------
+    InputError
+        A gravity that is not positive, a deviation that is negative or not finite.
     """
 
     gravity: Measured
-    harmonics: tuple[float, float] = (0.0, 0.0)
+    harmonics: tuple[float, ...] = ()
     division: float = 0.0
     autocollimator: float = 0.0
     collimated: Collimated = "pairs"
+    polygon: tuple[float, ...] = ()
+    certificate: float = 0.0
     base: float = 0.0
     pier: float = 0.0
+    creep: float = 0.0
     lean: float = 0.0
+    drift: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (isfinite(self.gravity.value) and self.gravity.value > 0):
+            raise InputError(f"dividing head: gravity is {self.gravity.value} m/s²; give it > 0")
+        deviations = {"gravity": self.gravity.sd}
+        deviations |= {f"harmonic {h}": sd for h, sd in enumerate(self.harmonics, start=1)}
+        deviations |= {q.name: getattr(self, q.name) for q in fields(self) if q.default == 0.0}
+        for what, sd in deviations.items():
+            if not (isfinite(sd) and sd >= 0):
+                raise InputError(f"dividing head: deviation of {what} is {sd}; give it 0 or more")
+        if not all(isfinite(deviation) for deviation in self.polygon):
+            raise InputError("dividing head: a deviation of a polygon's face is not finite")
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The imperfections, as data."""
-        g, (first, second), one = self.gravity, self.harmonics, self.autocollimator
+        g, one = self.gravity, self.autocollimator
         pair = sqrt(2) * one
+        waves = [
+            Parameter(f"{wave}{h}", "rad", sd, "run", 0.0, f"head, {words} of harmonic {h}")
+            for h, sd in enumerate(self.harmonics, start=1)
+            for wave, words in (("sin", "sine"), ("cos", "cosine"))
+        ]
         return (
             Parameter("g", "m/s²", g.sd, "run", g.value, "local gravity"),
-            Parameter("sin1", "rad", first, "run", 0.0, "head, sine of one turn"),
-            Parameter("cos1", "rad", first, "run", 0.0, "head, cosine of one turn"),
-            Parameter("sin2", "rad", second, "run", 0.0, "head, sine of half a turn"),
-            Parameter("cos2", "rad", second, "run", 0.0, "head, cosine of half a turn"),
+            *waves,
             Parameter("base", "rad", self.base, "run", 0.0, "zero of the head"),
             Parameter("lean", "rad", self.lean, "run", 0.0, "lean of the spindle"),
             Parameter("division", "rad", self.division, "position", 0.0, "graduation"),
             Parameter("trim", "rad", pair, "position", 0.0, "angle of a pair, trimmed"),
             Parameter("face", "rad", one, "position", 0.0, "autocollimator on a face"),
+            Parameter("polygon", "rad", self.certificate, "position", 0.0, "face, as certified"),
             Parameter("pier", "rad", self.pier, "position", 0.0, "tilt of the base"),
+            Parameter("creep", "rad", self.creep, "pass", 0.0, "tilt of the base over a pass"),
+            Parameter("drift", "m/s²", self.drift, "pass", 0.0, "drift of a bias over a pass"),
         )
 
-    def nuisances(self, steps: Sequence[Index]) -> dict[str, Parameter]:
-        """Return the parameters that act on these steps, by full name such as "division[f01]"."""
+    def nuisances(
+        self, steps: Sequence[Index], channels: Sequence[str] = ()
+    ) -> dict[str, Parameter]:
+        """Return the parameters that act on these steps, by full name such as "division[f01]".
+
+        Parameters
+        ----------
+        steps : sequence of Index
+        channels : sequence of str
+            Accelerometers whose drift counts: "drift_a[pass 1]".
+        """
         acting = {name for row in _acting(self, steps) for name in row}
         found: dict[str, Parameter] = {}
         for parameter in self.parameters:
-            if parameter.scope == "position":
-                full = (f"{parameter.name}[{step.label}]" for step in steps)
-                found |= {name: parameter for name in full if name in acting}
-            elif parameter.name in acting or parameter.name in ("g", "lean"):
-                found[parameter.name] = parameter
+            name = parameter.name
+            if name == "drift":
+                found |= {one: parameter for c in channels for one in drift_names(c, steps)}
+            elif parameter.scope == "run":
+                if name in acting or name in ("g", "lean"):
+                    found[name] = parameter
+            else:
+                labels = [step.label for step in steps]
+                if parameter.scope == "pass":
+                    labels = pass_names(steps)
+                full = (f"{name}[{label}]" for label in labels)
+                found |= {one: parameter for one in full if one in acting}
         return found
+
+
+def pass_names(steps: Sequence[Index]) -> list[str]:
+    """Return the names of the passes, such as "pass 1"."""
+    return [f"pass {k}" for k in range(1, max(passes(steps), default=-1) + 2)]
+
+
+def drift_names(channel: str, steps: Sequence[Index]) -> list[str]:
+    """Return the names of an accelerometer's drift in each pass."""
+    return [f"drift_{channel}[{name}]" for name in pass_names(steps)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,6 +243,11 @@ def felt(bench: DividingHead, steps: Sequence[Index], q: Mapping[str, Array]) ->
     steps : sequence of r Index
     q : mapping of str to (...) array
         The bench's parameters by full name, SI; those missing are as declared.
+
+    Raises
+    ------
+    InputError
+        A collimated position on no face of the polygon.
     """
     declared = bench.nuisances(steps)
     value = {name: np.asarray(q.get(name, p.value)) for name, p in declared.items()}
@@ -198,11 +256,12 @@ def felt(bench: DividingHead, steps: Sequence[Index], q: Mapping[str, Array]) ->
         name: np.array([row.get(name, 0.0) for row in rows])
         for name in dict.fromkeys(n for row in rows for n in row)
     }
-    psi = np.array([step.angle + step.level for step in steps])
+    psi = np.array([step.angle + step.level + _known(bench, step, steps) for step in steps])
     for name, weight in weights.items():
         psi = psi + weight * value[name][..., None]
     g, lean = value["g"][..., None], value["lean"][..., None]
-    sine, cosine = np.sin(psi), np.cos(psi)
+    # The sign of what is felt must not hang on how sin π is rounded.
+    sine, cosine = (np.where(np.abs(x) < _ROUNDED, 0.0, x) for x in (np.sin(psi), np.cos(psi)))
     zero = np.zeros_like(psi)
     level = np.stack([sine, cosine, zero], axis=-1)
     turned = (g * np.cos(lean))[..., None] * np.stack([cosine, -sine, zero], axis=-1)
@@ -216,43 +275,73 @@ def felt(bench: DividingHead, steps: Sequence[Index], q: Mapping[str, Array]) ->
 
 def _acting(bench: DividingHead, steps: Sequence[Index]) -> list[dict[str, float]]:
     """Return how the angle of each step depends on the parameters, by full name."""
-    by_angle: list[Index] = []
+    if not steps:
+        return []
+    named = pass_names(steps)
+    creeping = ramps(steps)
     rows: list[dict[str, float]] = []
-    for step in steps:
+    for k, step in enumerate(steps):
         own = {"base": 1.0, f"pier[{step.label}]": 1.0}
+        own |= {f"creep[{name}]": float(creeping[p, k]) for p, name in enumerate(named)}
         first = _trimmed_to(step, steps) if bench.collimated == "pairs" else None
         if bench.collimated == "every":
             own[f"face[{step.label}]"] = 1.0
+            own[f"polygon[{_earliest(step, steps).label}]"] = 1.0
         else:
             read = step if first is None else first
-            # A graduation errs alike in both passes: it is named by the first step that reads it.
-            same = next((other for other in by_angle if _apart(other, read) < _SAME), read)
-            if same is read:
-                by_angle.append(read)
-            t = read.angle
-            swing = (np.sin(t), np.cos(t), np.sin(2 * t), np.cos(2 * t))
-            own |= dict(zip(HARMONICS, map(float, swing), strict=True))
-            own[f"division[{same.label}]"] = 1.0
+            for h in range(1, len(bench.harmonics) + 1):
+                own |= {f"sin{h}": sin(h * read.angle), f"cos{h}": cos(h * read.angle)}
+            own[f"division[{_earliest(read, steps).label}]"] = 1.0
         if first is not None:
             own[f"trim[{step.label}]"] = 1.0
+            own[f"polygon[{_earliest(step, steps).label}]"] = 1.0
+            own[f"polygon[{_earliest(first, steps).label}]"] = -1.0
         rows.append(own)
     return rows
+
+
+def _known(bench: DividingHead, step: Index, steps: Sequence[Index]) -> float:
+    """Return what autocollimator and certificate tell of a step's angle beyond nominal, rad."""
+    if bench.collimated == "every":
+        return step.reading + _face(bench, step)
+    first = _trimmed_to(step, steps) if bench.collimated == "pairs" else None
+    if first is None:
+        return 0.0
+    return step.reading - first.reading + _face(bench, step) - _face(bench, first)
+
+
+def _face(bench: DividingHead, step: Index) -> float:
+    """Return the certified deviation of the face that is read at a step, rad.
+
+    Raises
+    ------
+    InputError
+        The step is on no face.
+    """
+    n = len(bench.polygon)
+    if n == 0:
+        return 0.0
+    face = round(step.angle * n / (2 * pi))
+    if beyond_turns(step.angle - 2 * pi * face / n) > _ON_FACE:
+        raise InputError(
+            f"position {step.label}: {degrees(step.angle):.6g}° is on no face of a polygon of {n}, "
+            f"which are {360 / n:.4g}° apart; give the certificate of the polygon that was used"
+        )
+    return bench.polygon[face % n]
+
+
+def _earliest(step: Index, steps: Sequence[Index]) -> Index:
+    """Return the first step at the same position: its graduation and its face err alike."""
+    return next(other for other in steps if beyond_turns(other.angle - step.angle) < SAME)
 
 
 def _trimmed_to(step: Index, steps: Sequence[Index]) -> Index | None:
     """Return the step of the same pass whose reading the head was trimmed to, if any."""
     for second in (pi, 1.5 * pi):
-        if _turn(step.angle - second) < _SAME:
+        if beyond_turns(step.angle - second) < SAME:
+            of = dict(zip([s.label for s in steps], passes(steps), strict=True))
             for other in steps:
-                if other.sense == step.sense and _turn(other.angle - second + pi) < _SAME:
+                same = of[other.label] == of[step.label]
+                if same and beyond_turns(other.angle - second + pi) < SAME:
                     return other
     return None
-
-
-def _apart(one: Index, other: Index) -> float:
-    return _turn(one.angle - other.angle)
-
-
-def _turn(angle: float) -> float:
-    """Return the size of an angle beyond whole turns, rad."""
-    return abs((angle + pi) % (2 * pi) - pi)

@@ -24,7 +24,7 @@ from inercal.parameters import Parameter
 from inercal.pipeline import by_hand, on_arm
 from inercal.pipeline.inputs import gyro_file, load_recording
 from inercal.pipeline.simulation import named_as_in, read_out, simulate
-from inercal.plan import Spin, Step
+from inercal.plan import Hold, Spin, Step, Turn
 from inercal.recording import Finding, Mark, Observations, Recording
 from inercal.runfile import Run, read
 from inercal.segments import FoundRests
@@ -69,7 +69,7 @@ class Outcome:
     def expected(self) -> Mapping[str, Parameter]:
         """The bench's parameters that act on these steps, by full name, as they were stated."""
         if isinstance(self.bench, Hand):
-            steps = [step for step in self.steps if not isinstance(step, Spin)]
+            steps = [step for step in self.steps if isinstance(step, Hold | Turn)]
             rates = any(axis.measures == "w" for axis in self.calibration.sensor.axes)
             return self.bench.nuisances(steps, rates=rates)
         spins = [step for step in self.steps if isinstance(step, Spin)]

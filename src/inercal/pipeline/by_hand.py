@@ -7,7 +7,7 @@ from inercal.errors import InputError
 from inercal.io.marks import as_read, marks_from_file
 from inercal.io.means import read_means
 from inercal.pipeline.inputs import Gathered, columns, load_recording, stated_sd
-from inercal.plan import HandStep, Spin, Turn
+from inercal.plan import HandStep, Hold, Turn
 from inercal.recording import Finding, Mark, Observations, Recording
 from inercal.runfile import Run
 from inercal.segments import (
@@ -59,7 +59,7 @@ def gather(run: Run, bench: Hand) -> Gathered:
 
 def nominal(run: Run) -> tuple[HandStep, ...]:
     """Return the run's plan."""
-    return tuple(step for step in run.steps if not isinstance(step, Spin))
+    return tuple(step for step in run.steps if isinstance(step, Hold | Turn))
 
 
 def _means(run: Run) -> Observations:

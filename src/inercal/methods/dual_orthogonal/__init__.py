@@ -4,12 +4,13 @@ A head of 3″ is 15 µg at the horizon. Two accelerometers at right angles err 
 so that ‖f̂‖ = g is free of the head; what g² does not tell (`square.NULLS`) an autocollimator does,
 or priors.
 
-* `joint`: both accelerometers' readings, exact, with the head's errors as nuisances.
+* `joint`: all readings, exact, with the head's errors and the biases' drift as nuisances.
 * `patent`: bias and gain from the four cardinal positions, then g² elsewhere.
 * `dual`: g² alone, with priors in the place of the autocollimator.
 * `single`: each accelerometer against the head taken as exact, the conventional tumble test.
 
-The sensor is that of `inercal.benches.dividing_head.mounted`.
+The sensor is that of `inercal.benches.dividing_head.mounted`. `joint` and `single` take one
+accelerometer too.
 
 Source: CN101852817A (Harbin Institute of Technology, 2010) for `patent` and `dual`, rebuilt from
 the physics; IEEE Std 1293 for the tumble test; `joint` is ours.
@@ -21,10 +22,15 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.dividing_head import DividingHead, Index
+from inercal.benches.dividing_head import DividingHead
 from inercal.estimate import Estimate, Gaussian, least_squares
-from inercal.methods.dual_orthogonal import angles, square
+from inercal.methods import by_angle
+from inercal.methods._base import Method
 from inercal.methods.dual_orthogonal import patent as four
+from inercal.methods.dual_orthogonal import square
+from inercal.methods.dual_orthogonal.gains import of_gains
+from inercal.methods.observed import require_observed
+from inercal.plan import Index
 from inercal.recording import Observations
 from inercal.sensors import Sensor
 
@@ -38,12 +44,12 @@ def joint(
     steps: Sequence[Index],
     priors: Sequence[Gaussian] = (),
 ) -> Estimate:
-    """Return the coefficients and the head's errors, at the largest posterior probability.
+    """Return the coefficients and the bench's errors, at the largest posterior probability.
 
     Parameters
     ----------
     observations : Observations
-        One row a position, (..., r, 2) m/s².
+        One row a position, (..., r, 1 or 2) m/s².
     sensor : Sensor
         Of the fixture, with the coefficients that are wanted.
     bench : DividingHead
@@ -54,10 +60,16 @@ def joint(
 
     Raises
     ------
+    InputError
+        A sensor that is not the fixture's.
     NotObserved
         Coefficients that these positions leave open.
     """
-    return least_squares(angles.problem(observations, sensor, bench, steps, priors))
+    square.require_mounted(sensor, alone=True)
+    square.require_positions(sensor, steps)
+    estimate = least_squares(by_angle.problem(observations, sensor, bench, steps, priors))
+    require_observed(estimate, sensor, missing=())
+    return replace(estimate, notes=(*of_gains(estimate, bench, priors), *estimate.notes))
 
 
 def patent(
@@ -78,7 +90,9 @@ def patent(
     NotObserved
         Cardinal positions that are missing, too few others, or K3 without a prior.
     """
-    return four.estimate(observations, sensor, bench, steps, priors)
+    steady = by_angle.drifting(observations, bench, steps)
+    estimate = four.estimate(steady, sensor, bench, steps, priors)
+    return replace(estimate, notes=(*of_gains(estimate, bench, priors), *estimate.notes))
 
 
 def dual(
@@ -94,12 +108,17 @@ def dual(
 
     Raises
     ------
+    InputError
+        A sensor that is not the fixture's pair.
     NotObserved
         Combinations of coefficients that g² and the priors leave free, named.
     """
     square.require_mounted(sensor)
+    square.require_positions(sensor, steps)
     square.require_told(sensor, bench, steps, priors)
-    return least_squares(square.problem(observations, sensor, bench, steps, priors))
+    steady = by_angle.drifting(observations, bench, steps)
+    estimate = least_squares(square.problem(steady, sensor, bench, steps, priors))
+    return replace(estimate, notes=(*of_gains(estimate, bench, priors), *estimate.notes))
 
 
 def single(
@@ -115,17 +134,21 @@ def single(
 
     Raises
     ------
+    InputError
+        A sensor that is not the fixture's.
     NotObserved
         Coefficients that these positions leave open.
     """
-    asked = angles.problem(observations, sensor, bench, steps, priors, exact=True)
+    square.require_mounted(sensor, alone=True)
+    steady = by_angle.drifting(observations, bench, steps)
+    asked = by_angle.problem(steady, sensor, bench, steps, priors, exact=True)
     found = least_squares(asked)
     _, rows = asked.linearise(asked.start)
     rows = rows.reshape(-1, *rows.shape[-2:])[0]
     assert not callable(asked.noise)
     weighted = np.asarray(np.linalg.solve(asked.noise, rows), dtype=float)
     gain = found.covariance @ np.swapaxes(weighted, -1, -2)
-    bench_alone = angles.by_bench(sensor, bench, steps)
+    bench_alone = by_angle.by_bench(sensor, bench, steps)
     return replace(
         found,
         covariance=found.covariance + gain @ bench_alone @ np.swapaxes(gain, -1, -2),
@@ -133,3 +156,14 @@ def single(
         chi2=np.zeros(found.value.shape[:-1]),
         dof=0,
     )
+
+
+METHOD = Method(
+    name="dual_orthogonal",
+    bench=DividingHead,
+    finds={"f": ("k0", "k1", "delta_o", "k2", "k3", "kip")},
+    needs=("f",),
+    plan=by_angle.plan,
+    estimators={"joint": joint, "patent": patent, "dual": dual, "single": single},
+    source="CN101852817A, Harbin Institute of Technology, 2010; IEEE Std 1293",
+)

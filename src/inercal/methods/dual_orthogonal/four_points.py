@@ -24,8 +24,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.dividing_head import Index
 from inercal.errors import NotObserved
+from inercal.plan import Index
 
 Array = NDArray[np.float64]
 _SAME = 1e-9  # rad

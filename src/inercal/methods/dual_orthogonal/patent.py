@@ -15,12 +15,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.dividing_head import DividingHead, Index, felt
+from inercal.benches.dividing_head import DividingHead, felt
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate, Gaussian, Problem, least_squares
+from inercal.methods.by_angle import by_bench
 from inercal.methods.dual_orthogonal import square
-from inercal.methods.dual_orthogonal.angles import by_bench
 from inercal.methods.dual_orthogonal.four_points import four_points, rows
+from inercal.plan import Index
 from inercal.recording import Observations
 from inercal.sensors import Sensor
 from inercal.uncertainty.propagation import jacobian

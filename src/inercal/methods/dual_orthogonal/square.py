@@ -24,10 +24,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.dividing_head import DividingHead, Index, felt
-from inercal.errors import InputError
+from inercal.benches.dividing_head import DividingHead, felt
+from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gauge, Gaussian, Problem, least_squares
 from inercal.motion import Motion
+from inercal.plan import Index
 from inercal.recording import Observations
 from inercal.sensors import Sensor
 
@@ -53,6 +54,7 @@ NULLS: tuple[tuple[str, dict[str, float]], ...] = (
 ANGLES = ("a.delta_o", "b.delta_o")
 _NEWTON = 4  # from an error of 1e-3 each step squares it
 _ROUNDING = 2.0**-50
+_MANY = 24  # positions that show all that there is
 
 
 def design(theta: Array) -> Array:
@@ -213,8 +215,40 @@ def centred(priors: Sequence[Gaussian]) -> tuple[Gaussian, ...]:
     return tuple(replace(prior, mean=np.zeros(len(prior.names))) for prior in priors)
 
 
-def require_mounted(sensor: Sensor) -> None:
+def require_positions(sensor: Sensor, steps: Sequence[Index]) -> None:
+    """Refuse positions too few for what g² can show of two accelerometers, whatever priors say.
+
+    Raises
+    ------
+    NotObserved
+        With the number of positions that suffices.
+    """
+    names = [("delta" if name in ANGLES else name) for name in sensor.coefficients]
+    wanted = [k for k, name in enumerate(TERMS) if name in names]
+    if len(sensor.axes) == 1 or not wanted:
+        return
+    angles = np.array([step.angle for step in steps])
+    many = 2 * np.pi * np.arange(_MANY) / _MANY
+    shown, possible = (
+        int(np.linalg.matrix_rank(design(theta)[:, wanted], tol=1e-9)) for theta in (angles, many)
+    )
+    if shown < possible:
+        different = len({round(angle % (2 * np.pi), 9) for angle in angles.tolist()})
+        raise NotObserved(
+            f"{different} different positions show {shown} of the {possible} combinations of "
+            "coefficients that g² can, with harmonics up to the fourth; take 9 or more (40° "
+            "apart), best 12 (30°)"
+        )
+
+
+def require_mounted(sensor: Sensor, *, alone: bool = False) -> None:
     """Refuse a sensor that is not the fixture's.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    alone : bool
+        Whether one accelerometer will do, of any name.
 
     Raises
     ------
@@ -222,15 +256,19 @@ def require_mounted(sensor: Sensor) -> None:
         Other axes than two accelerometers a and b, along x and y with P in the plane; or mounting
         angles in the reference form.
     """
-    expected = {"a": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), "b": ((0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))}
+    x, y, back = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)
+    one = alone and len(sensor.axes) == 1
+    expected = {sensor.axes[0].name: (x, y)} if one else {"a": (x, y), "b": (y, back)}
     found = {axis.name: (axis.i, axis.p) for axis in sensor.axes if axis.measures == "f"}
-    same = found.keys() == expected.keys() and len(sensor.axes) == 2
+    same = found.keys() == expected.keys() and len(sensor.axes) == len(expected)
     if not same or not all(np.allclose(found[name], expected[name]) for name in expected):
+        others = ", or one accelerometer along x" if alone else ""
         raise InputError(
             f"sensor {sensor.name}: the fixture holds two accelerometers, a along x with P along y "
-            "and b along y with P against x"
+            f"and b along y with P against x{others}"
         )
-    if sensor.form != "tilted" and set(ANGLES) & set(sensor.coefficients):
+    angled = any(name.endswith(".delta_o") for name in sensor.coefficients)
+    if sensor.form != "tilted" and angled:
         raise InputError(
             f"sensor {sensor.name}: the reference form has no cosine of a mounting angle, 1 µg at "
             '300″; state form = "tilted"'

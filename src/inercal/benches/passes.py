@@ -1,0 +1,48 @@
+"""Passes of a dividing head: once through its positions, forward or back."""
+
+from collections.abc import Sequence
+from math import pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.plan import Index
+
+Array = NDArray[np.float64]
+SAME = 1e-9  # rad; closer angles are one position of the head
+
+
+def beyond_turns(angle: float) -> float:
+    """Return the size of an angle beyond whole turns, rad."""
+    return abs((angle + pi) % (2 * pi) - pi)
+
+
+def passes(steps: Sequence[Index]) -> list[int]:
+    """Return which pass each step belongs to, from 0.
+
+    A pass ends where the sense changes, or where an angle would come a second time.
+    """
+    found: list[int] = []
+    current: list[Index] = []
+    for step in steps:
+        again = any(beyond_turns(step.angle - other.angle) < SAME for other in current)
+        if current and (again or step.sense != current[0].sense):
+            current = []
+        found.append(found[-1] + (not current) if found else 0)
+        current.append(step)
+    return found
+
+
+def ramps(steps: Sequence[Index]) -> Array:
+    """Return what a drift of one a pass has made at each step, (passes, r), about the run's mean.
+
+    The positions of a pass follow one another evenly; the drift of one pass goes on in the next.
+    """
+    which = np.array(passes(steps), dtype=np.int64)
+    row = np.arange(len(steps))
+    rising: list[Array] = []
+    for k in range(int(which.max()) + 1):
+        (own,) = np.nonzero(which == k)
+        ramp = np.clip((row - own[0]) / own.size, 0.0, 1.0)
+        rising.append(ramp - ramp.mean())
+    return np.stack(rising)

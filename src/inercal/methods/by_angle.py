@@ -1,0 +1,149 @@
+"""Readings against the angle of a dividing head: its errors are nuisances, or it is exact."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches.dividing_head import DividingHead, drift_names, felt
+from inercal.benches.dividing_head import positions as on_head
+from inercal.benches.passes import ramps
+from inercal.errors import InputError
+from inercal.estimate import Gaussian, Problem
+from inercal.motion import Motion
+from inercal.observe import vector
+from inercal.plan import Index
+from inercal.recording import Observations
+from inercal.sensors import G0, Sensor
+
+Array = NDArray[np.float64]
+FEWEST = 4  # positions
+_ROUNDING = 2.0**-50
+_NATURAL = {"m/s²": G0, "rad": 1.0}
+
+
+def plan(positions: int = 12, reverse: bool = True, seconds: float = 60.0) -> tuple[Index, ...]:
+    """Return evenly spaced positions of the head, forward and back.
+
+    Parameters
+    ----------
+    positions : int
+        Of one turn.
+    reverse : bool
+        Whether the turn is made back too: a drift of the bias then cancels to first order.
+    seconds : float
+        Length of each hold, s.
+
+    Raises
+    ------
+    InputError
+        Fewer than four positions.
+    """
+    if positions < FEWEST:
+        raise InputError(f"{positions} positions; a tumble needs {FEWEST} or more")
+    return on_head(positions, reverse=reverse, seconds=seconds)
+
+
+def problem(
+    observations: Observations,
+    sensor: Sensor,
+    bench: DividingHead,
+    steps: Sequence[Index],
+    priors: Sequence[Gaussian] = (),
+    *,
+    exact: bool = False,
+) -> Problem:
+    """Return the problem of all readings.
+
+    Parameters
+    ----------
+    observations : Observations
+        (..., r, m), m/s².
+    sensor : Sensor
+        Of m accelerometers.
+    bench : DividingHead
+    steps : sequence of r Index
+    priors : sequence of Gaussian
+        On coefficients.
+    exact : bool
+        Whether the bench is taken at its declared values, without nuisances.
+    """
+    p = len(sensor.coefficients)
+    declared = bench.nuisances(steps, sensor.channels)
+    loose = {n: q for n, q in declared.items() if q.sd > 0 and not exact}
+    by_name = _drifts(sensor, steps)
+    drifts = [name for name in by_name if name in loose]
+    added = np.stack([by_name[n] for n in drifts], axis=-1) if drifts else np.zeros((0,))
+
+    def linearise(x: Array) -> tuple[Array, Array]:
+        made = felt(bench, steps, {n: x[..., p + k] for k, n in enumerate(loose)})
+        df = np.zeros((*made.f.shape, len(loose)))
+        for k, name in enumerate(loose):
+            if name not in by_name:
+                df[..., k] = made.by[name]
+        residual, slope = vector(sensor, observations.mean, x[..., :p], Motion(made.f), df, None)
+        if drifts:
+            at = [p + list(loose).index(name) for name in drifts]
+            # Rows of a position after another, channels within: as the residual.
+            residual = residual - x[..., at] @ added.T
+            slope[..., at] = added
+        return residual, slope
+
+    noise = observations.full_covariance
+    largest = np.abs(observations.mean).max() / np.sqrt(
+        np.diagonal(noise, axis1=-2, axis2=-1).min()
+    )
+    values = np.array([q.value for q in loose.values()])
+    told = [Gaussian.independent(tuple(loose), values, [q.sd for q in loose.values()])]
+    return Problem(
+        names=(*sensor.coefficients, *loose),
+        start=np.concatenate([np.zeros(p), values]),
+        linearise=linearise,
+        noise=noise,
+        scale=np.concatenate([sensor.natural, [_NATURAL[q.unit] for q in loose.values()]]),
+        priors=(*(told if loose else ()), *priors),
+        wanted=sensor.coefficients,
+        observations=tuple(f"{a}[{row}]" for row in observations.labels for a in sensor.channels),
+        rounding=float(largest) * _ROUNDING,
+    )
+
+
+def by_bench(sensor: Sensor, bench: DividingHead, steps: Sequence[Index]) -> Array:
+    """Return the covariance that the angles give to all readings, at the nominal sensor.
+
+    (m r, m r) in (m/s²)², row after row as `Observations.full_covariance`.
+    """
+    made = felt(bench, steps, {})
+    slope = sensor.slope(Motion(made.f), np.zeros(len(sensor.coefficients)))[..., :3]
+    columns = [
+        q.sd * (slope @ made.by[name][..., None]).ravel()
+        for name, q in bench.nuisances(steps).items()
+        if q.sd > 0
+    ]
+    size = len(sensor.channels) * len(steps)
+    return sum((np.outer(column, column) for column in columns), np.zeros((size, size)))
+
+
+def drifting(
+    observations: Observations, bench: DividingHead, steps: Sequence[Index]
+) -> Observations:
+    """Return the observations with the drift of biases in their covariance, not as a nuisance."""
+    if not bench.drift:
+        return observations
+    made = ramps(steps)
+    between = bench.drift**2 * (made.T @ made)
+    before = 0.0 if observations.drift is None else observations.drift
+    channels = len(observations.channels)
+    return replace(observations, drift=before + np.repeat(between[..., None], channels, axis=-1))
+
+
+def _drifts(sensor: Sensor, steps: Sequence[Index]) -> dict[str, Array]:
+    """Return what a drift of one does to all readings, (m r,), by its name."""
+    found: dict[str, Array] = {}
+    for k, channel in enumerate(sensor.channels):
+        for name, ramp in zip(drift_names(channel, steps), ramps(steps), strict=True):
+            column = np.zeros((len(steps), len(sensor.channels)))
+            column[:, k] = ramp
+            found[name] = column.ravel()
+    return found
