@@ -27,12 +27,12 @@ the base, and does not see it tilt.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from math import cos, degrees, isfinite, pi, sin, sqrt
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.passes import SAME, beyond_turns, passes, ramps
+from inercal.benches.passes import SAME, beyond_turns, pass_names, passes, ramps
 from inercal.errors import InputError
 from inercal.parameters import Parameter
 from inercal.plan import Index
@@ -156,6 +156,11 @@ class DividingHead:
             raise InputError("dividing head: a deviation of a polygon's face is not finite")
 
     @property
+    def rms(self) -> float:
+        """The head's error without an autocollimator, root mean square, rad."""
+        return sqrt(sum(sd**2 for sd in self.harmonics) + self.division**2)
+
+    @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The imperfections, as data."""
         g, one = self.gravity, self.autocollimator
@@ -208,14 +213,31 @@ class DividingHead:
         return found
 
 
-def pass_names(steps: Sequence[Index]) -> list[str]:
-    """Return the names of the passes, such as "pass 1"."""
-    return [f"pass {k}" for k in range(1, max(passes(steps), default=-1) + 2)]
-
-
 def drift_names(channel: str, steps: Sequence[Index]) -> list[str]:
     """Return the names of an accelerometer's drift in each pass."""
     return [f"drift_{channel}[{name}]" for name in pass_names(steps)]
+
+
+class Angles(NamedTuple):
+    """At which angles ψ the sensor stands, by the bench's parameters q: nominal + Σ weight q."""
+
+    nominal: Array  # (r,), rad
+    weights: Mapping[str, Array]  # (r,) each, by full name
+
+
+def angles(bench: DividingHead, steps: Sequence[Index]) -> Angles:
+    """Return the angles of r steps, with what level, autocollimator and certificate tell.
+
+    Raises
+    ------
+    InputError
+        A collimated position on no face of the polygon.
+    """
+    rows = _acting(bench, steps)
+    nominal = [step.angle + step.level + _known(bench, step, steps) for step in steps]
+    names = dict.fromkeys(name for row in rows for name in row)
+    weights = {name: np.array([row.get(name, 0.0) for row in rows]) for name in names}
+    return Angles(np.array(nominal), weights)
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,12 +273,7 @@ def felt(bench: DividingHead, steps: Sequence[Index], q: Mapping[str, Array]) ->
     """
     declared = bench.nuisances(steps)
     value = {name: np.asarray(q.get(name, p.value)) for name, p in declared.items()}
-    rows = _acting(bench, steps)
-    weights = {
-        name: np.array([row.get(name, 0.0) for row in rows])
-        for name in dict.fromkeys(n for row in rows for n in row)
-    }
-    psi = np.array([step.angle + step.level + _known(bench, step, steps) for step in steps])
+    psi, weights = angles(bench, steps)
     for name, weight in weights.items():
         psi = psi + weight * value[name][..., None]
     g, lean = value["g"][..., None], value["lean"][..., None]

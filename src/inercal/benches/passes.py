@@ -33,6 +33,11 @@ def passes(steps: Sequence[Index]) -> list[int]:
     return found
 
 
+def pass_names(steps: Sequence[Index]) -> list[str]:
+    """Return the names of the passes, such as "pass 1"."""
+    return [f"pass {k}" for k in range(1, max(passes(steps), default=-1) + 2)]
+
+
 def ramps(steps: Sequence[Index]) -> Array:
     """Return what a drift of one a pass has made at each step, (passes, r), about the run's mean.
 

@@ -18,8 +18,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.benches import Bench
 from inercal.budget import felt
-from inercal.budget.felt import Bench
 from inercal.budget.imperfections import NOISE, Imperfection, of_bench, of_noise, of_prior
 from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian
@@ -40,7 +40,7 @@ class Experiment:
     ----------
     sensor : Sensor
         With the p coefficients that are estimated.
-    bench : Hand or Centrifuge
+    bench : Hand, Centrifuge or DividingHead
         As stated to the estimator; its errors are drawn with the deviations it states.
     steps : tuple of r Step
         The plan.
@@ -88,8 +88,7 @@ class Experiment:
     @cached_property
     def declared(self) -> dict[str, Parameter]:
         """The bench's parameters by full name, those that are exact included."""
-        rates = any(axis.measures == "w" for axis in self.sensor.axes)
-        return felt.parameters(self.bench, self.steps, rates=rates)
+        return felt.parameters(self.bench, self.steps, self.sensor)
 
     @cached_property
     def imperfections(self) -> tuple[Imperfection, ...]:
@@ -164,7 +163,9 @@ class Experiment:
             Those that the sensor truly has, with the values of `truth`.
         """
         sensor = replace(self.sensor, coefficients=coefficients)
-        return sensor.forward(felt.motion(self.bench, self.steps, q), self._truth(coefficients))
+        made = felt.motion(self.bench, self.steps, q)
+        drift = felt.drift(self.bench, self.steps, sensor, q)
+        return sensor.forward(made, self._truth(coefficients)) + drift
 
     def estimates(
         self, readings: Array, priors: tuple[Gaussian, ...], bench: Bench | None = None
@@ -176,7 +177,7 @@ class Experiment:
         readings : (n, r, m) array
         priors : tuple of Gaussian
             Means (n, k).
-        bench : Hand or Centrifuge, optional
+        bench : Hand, Centrifuge or DividingHead, optional
             As stated to the estimator, where it is not the one that made the readings.
         """
         if self._takes_trials:

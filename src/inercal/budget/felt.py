@@ -8,16 +8,22 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches import Centrifuge, Hand
+from inercal.benches import Bench, Centrifuge, DividingHead, Hand, dividing_head
 from inercal.benches.arm import felt_vector
 from inercal.benches.hand import felt, tilted
+from inercal.benches.passes import ramps
 from inercal.errors import InputError
 from inercal.motion import Motion
 from inercal.parameters import Parameter
-from inercal.plan import HandStep, Hold, Spin, Step, Turn
+from inercal.plan import HandStep, Hold, Index, Spin, Step, Turn
+from inercal.sensors import Sensor
 
 Array = NDArray[np.float64]
-Bench = Hand | Centrifuge
+_STEPS: Mapping[type[Bench], tuple[type, ...]] = {
+    Hand: (Hold, Turn),
+    Centrifuge: (Spin,),
+    DividingHead: (Index,),
+}
 
 
 def require_possible(bench: Bench, steps: Sequence[Step]) -> None:
@@ -30,8 +36,7 @@ def require_possible(bench: Bench, steps: Sequence[Step]) -> None:
     """
     if not steps:
         raise InputError("a budget needs a plan; this one has no steps")
-    spun = isinstance(bench, Centrifuge)
-    if any(isinstance(step, Spin) != spun for step in steps):
+    if not all(isinstance(step, _STEPS[type(bench)]) for step in steps):
         raise InputError("the plan's steps are for another bench than the one that is stated")
     if isinstance(bench, Centrifuge) and bench.platform != "locked":
         raise InputError(
@@ -44,20 +49,26 @@ def require_possible(bench: Bench, steps: Sequence[Step]) -> None:
         )
 
 
-def parameters(bench: Bench, steps: Sequence[Step], *, rates: bool) -> dict[str, Parameter]:
+def parameters(bench: Bench, steps: Sequence[Step], sensor: Sensor) -> dict[str, Parameter]:
     """Return the bench's parameters that act on these steps, by full name.
 
     Parameters
     ----------
     bench, steps
         As `require_possible` lets pass.
-    rates : bool
-        Whether the sensor has gyros.
+    sensor : Sensor
     """
     if isinstance(bench, Centrifuge):
         spins = [step for step in steps if isinstance(step, Spin)]
         return bench.nuisances(spins, vectors=True, dwells=True)
+    if isinstance(bench, DividingHead):
+        return bench.nuisances(_indexed(steps), sensor.channels)
+    rates = any(axis.measures == "w" for axis in sensor.axes)
     return bench.nuisances([step for step in steps if isinstance(step, Hold | Turn)], rates=rates)
+
+
+def _indexed(steps: Sequence[Step]) -> list[Index]:
+    return [step for step in steps if isinstance(step, Index)]
 
 
 def motion(bench: Bench, steps: Sequence[Step], q: Mapping[str, Array]) -> Motion:
@@ -73,6 +84,8 @@ def motion(bench: Bench, steps: Sequence[Step], q: Mapping[str, Array]) -> Motio
     if isinstance(bench, Centrifuge):
         made = felt_vector(bench, [step for step in steps if isinstance(step, Spin)], q)
         return Motion(made.f, made.w)
+    if isinstance(bench, DividingHead):
+        return Motion(dividing_head.felt(bench, _indexed(steps), q).f)
     rows = [
         felt(step, step.seconds, _with_force(step, q))
         for step in steps
@@ -80,6 +93,19 @@ def motion(bench: Bench, steps: Sequence[Step], q: Mapping[str, Array]) -> Motio
     ]
     whole = np.broadcast_arrays(*(row.f for row in rows), *(row.w for row in rows))
     return Motion(np.stack(whole[: len(rows)], axis=-2), np.stack(whole[len(rows) :], axis=-2))
+
+
+def drift(bench: Bench, steps: Sequence[Step], sensor: Sensor, q: Mapping[str, Array]) -> Array:
+    """Return what biases have drifted by at each step, (..., r, m) m/s²; 0 where none does."""
+    if not isinstance(bench, DividingHead):
+        return np.zeros(())
+    indexed = _indexed(steps)
+    made = ramps(indexed)
+    by_axis = [
+        np.stack([q[name] for name in dividing_head.drift_names(channel, indexed)], axis=-1) @ made
+        for channel in sensor.channels
+    ]
+    return np.stack(by_axis, axis=-1)
 
 
 def _with_force(step: HandStep, q: Mapping[str, Array]) -> Mapping[str, Array]:

@@ -18,7 +18,7 @@ from inercal.sensors import G0, Sensor
 
 Array = NDArray[np.float64]
 NOISE = "noise"
-_COPY = re.compile(r"(_[xyz]|\d)?(\[.*\])?$")  # of a name: the axis, the step
+_COPY = re.compile(r"(_[abxyz]|\d)?(\[.*\])?$")  # of a name: the axis, the step
 _WORDS = {  # names of parameters that are not words already
     "g": "gravity",
     "mount": "mounting",
@@ -30,6 +30,15 @@ _WORDS = {  # names of parameters that are not words already
     "angle": "turn angle",
     "axis": "turn axis",
     "timebase": "clock",
+    "sin": "head, sines",
+    "cos": "head, cosines",
+    "base": "zero of the head",
+    "division": "graduations",
+    "trim": "autocollimator, pairs",
+    "face": "autocollimator, faces",
+    "polygon": "polygon's faces",
+    "pier": "tilt of the base",
+    "creep": "creep of the base",
 }
 _SHOWN = {  # unit in SI: as printed, its SI size
     "m": ("µm", 1e-6),

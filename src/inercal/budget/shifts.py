@@ -13,9 +13,8 @@ from math import degrees
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches import Centrifuge, Hand
+from inercal.benches import Bench, Centrifuge, DividingHead, Hand
 from inercal.budget.experiment import Experiment
-from inercal.budget.felt import Bench
 from inercal.sensors import G0
 from inercal.units import Measured
 
@@ -51,6 +50,7 @@ EFFECTS: Mapping[type[Bench], tuple[Effect, ...]] = {
         Effect("earth's rate", "latitude", Measured(0.0, 0.0), "° of latitude", degrees(1)),
         Effect("stretch of the arm", "stretch", Measured(0.0, 0.0), "ppm/g", 1e6 * G0),
     ),
+    DividingHead: (),
 }
 
 

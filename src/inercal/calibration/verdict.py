@@ -29,10 +29,7 @@ def verdict(
     if estimate.groups:
         lines += _by_group(estimate, p)
     elif not estimate.dof:
-        lines.append(
-            f"{p} coefficients found; the formulas leave nothing over to test them with, and the "
-            "uncertainties hold the noise of the means alone: the bench is taken as exact"
-        )
+        lines.append(f"{p} coefficients found; nothing is left over to test them with")
     elif estimate.consistent:
         lines.append(
             f"{p} coefficients found; the data agree with the stated noise and bench "

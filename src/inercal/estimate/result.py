@@ -118,7 +118,12 @@ class Estimate:
 
     @classmethod
     def of_formulas(
-        cls, names: tuple[str, ...], value: Array, covariance: Array, singular_values: Array
+        cls,
+        names: tuple[str, ...],
+        value: Array,
+        covariance: Array,
+        singular_values: Array,
+        notes: tuple[str, ...] = (),
     ) -> "Estimate":
         """Return what closed formulas give, (p,): they leave no residual to test them by."""
         return cls(
@@ -137,6 +142,7 @@ class Estimate:
             weakest=None,
             converged=np.array(True),
             iterations=np.array(0),
+            notes=notes,
         )
 
     @property

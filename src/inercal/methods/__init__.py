@@ -4,12 +4,18 @@ from collections.abc import Mapping
 from typing import Any
 
 from inercal.errors import InputError
-from inercal.methods import centrifuge_norm, ferraris, multi_position, six_position
+from inercal.methods import (
+    centrifuge_norm,
+    dual_orthogonal,
+    ferraris,
+    multi_position,
+    six_position,
+)
 from inercal.methods._base import Method
 
 METHODS: Mapping[str, Method[Any, Any]] = {
     module.METHOD.name: module.METHOD
-    for module in (six_position, ferraris, multi_position, centrifuge_norm)
+    for module in (six_position, ferraris, multi_position, centrifuge_norm, dual_orthogonal)
 }
 
 

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from inercal.benches import Hand
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate, Gaussian
+from inercal.methods.observed import NOISE_ALONE
 from inercal.plan import HandStep, Turn
 from inercal.recording import Observations
 from inercal.sensors import Sensor
@@ -70,7 +71,7 @@ def classical(
     value, spread = propagate(formulas, flat, observations.full_covariance)
     information = np.linalg.inv(spread / np.outer(sensor.natural, sensor.natural))
     singular = np.sqrt(np.linalg.eigvalsh(information)[::-1])
-    return Estimate.of_formulas(sensor.coefficients, value, spread, singular)
+    return Estimate.of_formulas(sensor.coefficients, value, spread, singular, (NOISE_ALONE,))
 
 
 def _coefficients(

@@ -20,6 +20,7 @@ from inercal.estimate import Estimate, Gaussian
 from inercal.plan import HandStep, Hold
 from inercal.sensors import Sensor
 
+NOISE_ALONE = "the uncertainties hold the noise of the means alone: the bench is taken as exact"
 OBSERVED = 0.1  # of the natural size
 _READ = 0.5  # g; an axis must have been up and down by at least so much
 

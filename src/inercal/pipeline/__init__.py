@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from inercal.benches import Centrifuge, Hand
+from inercal.benches import Bench, Centrifuge, Hand
 from inercal.calibration import Calibration, Frame
 from inercal.calibration.verdict import verdict
 from inercal.errors import InputError
@@ -21,10 +21,10 @@ from inercal.estimate import Estimate
 from inercal.io.table import sha256_of
 from inercal.methods.multi_position.timing import delay
 from inercal.parameters import Parameter
-from inercal.pipeline import by_hand, on_arm
-from inercal.pipeline.inputs import gyro_file, load_recording
+from inercal.pipeline import by_hand, on_arm, on_head
+from inercal.pipeline.inputs import Gathered, gyro_file, load_recording
 from inercal.pipeline.simulation import named_as_in, read_out, simulate
-from inercal.plan import Hold, Spin, Step, Turn
+from inercal.plan import Hold, Index, Spin, Step, Turn
 from inercal.recording import Finding, Mark, Observations, Recording
 from inercal.runfile import Run, read
 from inercal.segments import FoundRests
@@ -42,7 +42,7 @@ class Outcome:
     observations : Observations
     steps : tuple of Step
         Of each observation.
-    bench : Hand or Centrifuge
+    bench : Hand, Centrifuge or DividingHead
     recording : Recording or None
         None when means were read straight in.
     marks : tuple of Mark
@@ -58,7 +58,7 @@ class Outcome:
     estimate: Estimate
     observations: Observations
     steps: tuple[Step, ...]
-    bench: Hand | Centrifuge
+    bench: Bench
     recording: Recording | None
     marks: tuple[Mark, ...]
     findings: tuple[Finding, ...]
@@ -68,12 +68,16 @@ class Outcome:
     @cached_property
     def expected(self) -> Mapping[str, Parameter]:
         """The bench's parameters that act on these steps, by full name, as they were stated."""
-        if isinstance(self.bench, Hand):
-            steps = [step for step in self.steps if isinstance(step, Hold | Turn)]
+        bench, steps = self.bench, self.steps
+        if isinstance(bench, Hand):
             rates = any(axis.measures == "w" for axis in self.calibration.sensor.axes)
-            return self.bench.nuisances(steps, rates=rates)
-        spins = [step for step in self.steps if isinstance(step, Spin)]
-        return self.bench.nuisances(spins, vectors=self.bench.indexing is not None)
+            done = [step for step in steps if isinstance(step, Hold | Turn)]
+            return bench.nuisances(done, rates=rates)
+        if isinstance(bench, Centrifuge):
+            spins = [step for step in steps if isinstance(step, Spin)]
+            return bench.nuisances(spins, vectors=bench.indexing is not None)
+        indexed = [step for step in steps if isinstance(step, Index)]
+        return bench.nuisances(indexed, self.calibration.sensor.channels)
 
 
 def calibrate(run: Run | str | Path) -> Outcome:
@@ -86,8 +90,7 @@ def calibrate(run: Run | str | Path) -> Outcome:
     """
     run = run if isinstance(run, Run) else read(run)
     sensor, bench = run.sensor, run.bench
-    by_the_hand = isinstance(bench, Hand)
-    gathered = by_hand.gather(run, bench) if by_the_hand else on_arm.gather(run, bench)
+    gathered = _gather(run, bench)
     observations, findings = gathered.observations, gathered.findings
     estimate = run.method.estimator(run.estimator)(
         observations, sensor, bench, gathered.plan, run.priors
@@ -136,6 +139,14 @@ def calibrate(run: Run | str | Path) -> Outcome:
         lines,
         gathered.rests,
     )
+
+
+def _gather(run: Run, bench: Bench) -> Gathered:
+    if isinstance(bench, Hand):
+        return by_hand.gather(run, bench)
+    if isinstance(bench, Centrifuge):
+        return on_arm.gather(run, bench)
+    return on_head.gather(run, bench)
 
 
 def _frame(run: Run) -> Frame:

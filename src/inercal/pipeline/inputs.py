@@ -100,24 +100,28 @@ def columns(run: Run) -> Columns:
         label=None if data.label is None else str(data.label),
         temperature=None if data.temperature is None else str(data.temperature),
         temperature_unit=data.temperature_unit,
-        # In units of their columns: `arm_units` makes them SI.
-        readback=tuple((name, column, "1") for name, column in arm_columns(run).items()),
+        # In units of their columns: `readback_units` makes them SI.
+        readback=tuple((name, column, "1") for name, column in readback_columns(run).items()),
         nonfinite=data.nonfinite,
     )
 
 
-def arm_columns(run: Run) -> dict[str, str]:
-    """Return the columns in which a centrifuge states its rate and attitudes, by readback."""
+def readback_columns(run: Run) -> dict[str, str]:
+    """Return the columns in which a bench states rates, angles and levels, by readback."""
     data = run.data
-    found: dict[str, str] = {}
-    if data.arm_rate is not None:
-        found["arm_rate"] = str(data.arm_rate)
+    single = {
+        "arm_rate": data.arm_rate,
+        "angle": data.angle,
+        "autocollimator": data.autocollimator,
+        "level": data.level,
+    }
+    found = {name: str(column) for name, column in single.items() if column is not None}
     if data.attitude is not None:
         found |= dict(zip(("psi", "theta"), map(str, data.attitude), strict=True))
     return found
 
 
-def arm_units(run: Run) -> dict[str, float]:
+def readback_units(run: Run) -> dict[str, float]:
     """Return the SI size of one unit of each of these columns.
 
     Raises
@@ -135,8 +139,23 @@ def arm_units(run: Run) -> dict[str, float]:
         raise InputError(f"{key}: {error}") from None
     if size <= 0:
         raise InputError(f"{key}: {rate!r} must be positive")
-    angle = si_value(f"1 {run.data.attitude_unit}", "°", f"{run.path}: [data] attitude_unit")
-    return {"arm_rate": size, "psi": angle, "theta": angle}
+    sizes = {"arm_rate": size}
+    for key, names in (
+        ("attitude_unit", ("psi", "theta")),
+        ("angle_unit", ("angle",)),
+        ("autocollimator_unit", ("autocollimator",)),
+        ("level_unit", ("level",)),
+    ):
+        one = si_value(f"1 {getattr(run.data, key)}", "°", f"{run.path}: [data] {key}")
+        sizes |= dict.fromkeys(names, one)
+    return sizes
+
+
+def plain(value: object) -> str:
+    """Return a position's name; a whole number as it is written."""
+    if isinstance(value, float) and value.is_integer():
+        return str(int(value))
+    return str(value).strip()
 
 
 def _column_rate(run: Run) -> float | None:

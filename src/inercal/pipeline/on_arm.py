@@ -11,10 +11,11 @@ from inercal.io.means import means_of, read_columns
 from inercal.methods.centrifuge_norm.screening import screen
 from inercal.pipeline.inputs import (
     Gathered,
-    arm_columns,
-    arm_units,
     columns,
     load_recording,
+    plain,
+    readback_columns,
+    readback_units,
     stated_sd,
 )
 from inercal.plan import Spin, on_arm
@@ -64,7 +65,7 @@ def _table(run: Run, bench: Centrifuge) -> Gathered:
             f"{run.path}: [bench] platform {bench.platform} takes a recording: the means of its "
             "dwells say nothing of the arm's acceleration"
         )
-    named, units = arm_columns(run), arm_units(run)
+    named, units = readback_columns(run), readback_units(run)
     wanted = columns(run)
     path = run.file(run.data.file)
     table = read_columns(path, wanted, list(named.values()))
@@ -84,7 +85,7 @@ def _table(run: Run, bench: Centrifuge) -> Gathered:
     if wanted.label is None:
         names = [f"row {k}" for k in range(1, len(rates) + 1)]
     else:
-        names = [_plain(value) for value in table.columns[wanted.label].tolist()]
+        names = [plain(value) for value in table.columns[wanted.label].tolist()]
     labels = tuple(
         f"{name} at {rate:.6g} {unit}" for name, rate in zip(names, rates / size, strict=True)
     )
@@ -103,15 +104,8 @@ def _table(run: Run, bench: Centrifuge) -> Gathered:
     return Gathered(None, (), observations, steps, steps, (), _conditions(bench))
 
 
-def _plain(value: object) -> str:
-    """Return a position's name; a whole number as it is written."""
-    if isinstance(value, float) and value.is_integer():
-        return str(int(value))
-    return str(value).strip()
-
-
 def _recording(run: Run, bench: Centrifuge) -> Gathered:
-    recording, units = load_recording(run), arm_units(run)
+    recording, units = load_recording(run), readback_units(run)
     recording = replace(
         recording,
         readback={name: values * units[name] for name, values in recording.readback.items()},

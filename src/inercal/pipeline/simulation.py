@@ -5,14 +5,15 @@ from pathlib import Path
 
 import numpy as np
 
-from inercal.benches import Hand
+from inercal.benches import Centrifuge, Hand
 from inercal.benches.arm_run import perform_on_arm, seconds_on_arm
+from inercal.benches.head_run import perform_on_head
 from inercal.benches.simulate import perform
 from inercal.errors import InputError
 from inercal.motion import Motion
 from inercal.pipeline.by_hand import nominal
-from inercal.pipeline.inputs import arm_columns, arm_units, columns, limits
-from inercal.plan import Spin
+from inercal.pipeline.inputs import columns, limits, readback_columns, readback_units
+from inercal.plan import Index, Spin
 from inercal.recording import Recording
 from inercal.runfile import Run, read
 from inercal.sensors import Sensor
@@ -49,19 +50,24 @@ def simulate(run: Run | str | Path, seed: int = 0, trials: int | None = None) ->
             f"{_MOST_SAMPLES:.0e}: lower [data] rate or [method] seconds"
         )
     rng = np.random.default_rng(seed)
-    readback: dict[str, np.ndarray] = {}
-    if isinstance(run.bench, Hand):
-        carried = run.method.free
-        done = perform(run.bench, nominal(run), run.rate_hz, rng, trials or 1, carried=carried)
-    else:
-        spins = [step for step in run.steps if isinstance(step, Spin)]
-        done, readback = perform_on_arm(run.bench, spins, run.rate_hz, rng, trials or 1)
     sensor = run.sensor.with_coefficients(*run.truth)
+    bench, rate, several = run.bench, run.rate_hz, trials or 1
+    readback: dict[str, np.ndarray] = {}
+    drift = None
+    if isinstance(bench, Hand):
+        done = perform(bench, nominal(run), rate, rng, several, carried=run.method.free)
+    elif isinstance(bench, Centrifuge):
+        spins = [step for step in run.steps if isinstance(step, Spin)]
+        done, readback = perform_on_arm(bench, spins, rate, rng, several)
+    else:
+        indexed = [step for step in run.steps if isinstance(step, Index)]
+        on_head = perform_on_head(bench, indexed, sensor.channels, rate, rng, several)
+        done, readback, drift = on_head.performance, on_head.readback, on_head.drift
     c = np.array([run.truth[name] for name in sensor.coefficients])
     motion = done.motion
     if sensor.uses("ai", "ap", "ao"):
         motion = replace(motion, dw=np.gradient(motion.w, 1 / run.rate_hz, axis=-2))
-    data = read_out(sensor, motion, c, run.rate_hz, rng)
+    data = read_out(sensor, motion, c, run.rate_hz, rng, drift)
     return Recording(
         time=done.time,
         data=data if trials else data[0],
@@ -79,15 +85,20 @@ def named_as_in(run: Run, recording: Recording) -> Recording:
         raise InputError(f"{run.path}: [data] gyro_file: a simulation is one file; leave it out")
     named = {axis: column for axis, column, _ in columns(run).channels}
     readback = {
-        column: recording.readback[name] / arm_units(run)[name]
-        for name, column in arm_columns(run).items()
+        column: recording.readback[name] / readback_units(run)[name]
+        for name, column in readback_columns(run).items()
     }
     channels = tuple(named[name] for name in recording.channels)
     return replace(recording, channels=channels, readback=readback)
 
 
 def read_out(
-    sensor: Sensor, motion: Motion, c: np.ndarray, rate_hz: float, rng: np.random.Generator
+    sensor: Sensor,
+    motion: Motion,
+    c: np.ndarray,
+    rate_hz: float,
+    rng: np.random.Generator,
+    drift: np.ndarray | None = None,
 ) -> np.ndarray:
     """Return what the sensor puts out, (..., n, m) in output units, noise and limits included.
 
@@ -100,8 +111,12 @@ def read_out(
         Coefficients in SI.
     rate_hz : float
     rng : Generator
+    drift : (..., n, m) array, optional
+        Of the biases, SI.
     """
     reading = sensor.forward(motion, c)
+    if drift is not None:
+        reading = reading + drift
     for k, axis in enumerate(sensor.axes):
         noisy = reading[..., k] + axis.noise.draw(rng, reading.shape[:-1], rate_hz)
         reading[..., k] = axis.noise.quantise(noisy)

@@ -34,7 +34,7 @@ def residuals(outcome: Outcome) -> Markup:
     sensor, labels = outcome.calibration.sensor, outcome.observations.labels
     whitened = outcome.estimate.whitened.reshape(len(labels), -1)
     plain = outcome.estimate.residual.reshape(len(labels), -1)
-    norms = whitened.shape[1] == 1
+    norms = whitened.shape[1] == 1 < len(sensor.axes)
     kinds = [kind for kind in KINDS if any(axis.measures == kind for axis in sensor.axes)]
     figure, (first, second) = drawing.panels(
         1.65, [drawing.room_for(()), drawing.room_for(labels)], len(kinds)

@@ -3,16 +3,18 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
-from math import degrees, isnan
+from math import degrees, isnan, nan
 from pathlib import Path
 
 import numpy as np
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
-from inercal.benches import Centrifuge
+from inercal.benches import DividingHead
+from inercal.methods.observed import NOISE_ALONE
 from inercal.pipeline import Outcome
-from inercal.plan import Hold, Spin, Step, Turn
+from inercal.plan import Hold, Index, Spin, Step, Turn
+from inercal.report import head as on_head
 from inercal.report import tables
 from inercal.report.figures import correlations, departures, residuals
 from inercal.report.sphere import Attitude, attitudes, missing_faces, sphere
@@ -57,7 +59,8 @@ def page(outcome: Outcome, truth: Mapping[str, float] | None) -> str:
     )
     template = environment.from_string((folder / "page.html").read_text(encoding="utf-8"))
     estimate, calibration = outcome.estimate, outcome.calibration
-    found = attitudes(outcome)
+    bench = outcome.bench
+    found = [] if isinstance(bench, DividingHead) else attitudes(outcome)
     grids, pulls = tables.bench(outcome)
     recording = outcome.recording
     chosen = calibration.sensor.coefficients
@@ -72,18 +75,20 @@ def page(outcome: Outcome, truth: Mapping[str, float] | None) -> str:
         facts=facts(outcome),
         groups=tables.coefficients(outcome, truth),
         simulated=truth is not None,
-        tested=estimate.dof > 0,
+        exact=NOISE_ALONE in estimate.notes,
         bench_counted=bool(pulls),
         matrix=tables.matrix(outcome),
         calibration_file=f"{Path(calibration.provenance.get('run file', 'run')).stem}"
         ".calibration.json",
         run_file=calibration.provenance.get("run file", "run.toml"),
         residuals=residuals(outcome) if estimate.whitened.size else None,
-        spheres=(sphere(found, 1), sphere(found, -1)),
+        indexed=isinstance(bench, DividingHead),
+        head=on_head.head(outcome, bench) if isinstance(bench, DividingHead) else None,
+        spheres=(sphere(found, 1), sphere(found, -1)) if found else (),
         sections=sections(outcome, found),
         missing=missing_faces(found),
         turned=any(isinstance(step, Turn) for step in outcome.steps),
-        norms=isinstance(outcome.bench, Centrifuge) and estimate.whitened.size == len(found),
+        norms=by_norm(outcome),
         placed=any(not isnan(attitude.off) for attitude in found),
         spun=any(isinstance(step, Spin) for step in outcome.steps),
         free=bool(estimate.groups),
@@ -97,6 +102,12 @@ def page(outcome: Outcome, truth: Mapping[str, float] | None) -> str:
         departures=departures(pulls) if pulls else None,
         condition=f"{estimate.singular_values[0] / estimate.singular_values[-1]:.3g}",
     )
+
+
+def by_norm(outcome: Outcome) -> bool:
+    """Whether the residuals are of the norms of readings, one a row."""
+    rows, axes = len(outcome.observations.labels), len(outcome.observations.channels)
+    return axes > 1 and outcome.estimate.whitened.size == rows
 
 
 def judge(outcome: Outcome) -> Judgement:
@@ -126,7 +137,7 @@ def judge(outcome: Outcome) -> Judgement:
 def facts(outcome: Outcome) -> list[tuple[str, str]]:
     """Return the key facts, name and text of one or two lines."""
     provenance, recording = outcome.calibration.provenance, outcome.recording
-    holds = sum(isinstance(step, Hold) for step in outcome.steps)
+    holds = sum(isinstance(step, Hold | Index) for step in outcome.steps)
     spins = [step for step in outcome.steps if isinstance(step, Spin)]
     turns = len(outcome.steps) - holds - len(spins)
     digest = provenance.get("recording sha256", "")
@@ -156,26 +167,23 @@ def sections(outcome: Outcome, found: Sequence[Attitude]) -> list[Section]:
     """
     observed = outcome.observations
     force = np.linalg.norm(outcome.observations.mean[:, :3], axis=-1) / G0
+    off = {attitude.step.label: attitude.off for attitude in found}
 
-    def what(step: Step, read: float) -> str:
-        text = step.in_words().replace("-", "−")
-        return f"{text}; reads {read:.4g} g" if isinstance(step, Spin) else text
+    def what(step: Step, row: int) -> str:
+        if isinstance(step, Index):
+            text = on_head.in_words(step, outcome, row)
+        else:
+            read = f"; reads {force[row]:.4g} g" if isinstance(step, Spin) else ""
+            text = step.in_words() + read
+        return tables.minus(text)
+
+    def away(step: Step) -> str:
+        angle = off.get(step.label, nan)
+        return "" if isinstance(step, Turn) or isnan(angle) else f"{degrees(angle):.2f}"
 
     return [
-        Section(
-            attitude.step.label,
-            what(attitude.step, read),
-            ""
-            if isinstance(attitude.step, Turn) or isnan(attitude.off)
-            else f"{degrees(attitude.off):.2f}",
-            f"{seconds:.2f}",
-            str(samples),
-        )
-        for attitude, seconds, samples, read in zip(
-            found,
-            observed.duration.tolist(),
-            observed.samples.tolist(),
-            force.tolist(),
-            strict=True,
+        Section(step.label, what(step, row), away(step), f"{seconds:.2f}", str(samples))
+        for row, (step, seconds, samples) in enumerate(
+            zip(outcome.steps, observed.duration.tolist(), observed.samples.tolist(), strict=True)
         )
     ]

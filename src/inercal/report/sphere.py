@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-from inercal.benches import Centrifuge, Hand
+from inercal.benches import Centrifuge
 from inercal.benches.arm import felt_vector
 from inercal.motion import Motion
 from inercal.pipeline import Outcome
@@ -49,8 +49,11 @@ class Attitude:
 
 
 def attitudes(outcome: Outcome) -> list[Attitude]:
-    """Return the measured direction of each hold, dwell and, where there are gyros, turn."""
-    if not isinstance(outcome.bench, Hand):
+    """Return the measured direction of each hold, dwell and, where there are gyros, turn.
+
+    Not of a dividing head, which a single accelerometer may stand on.
+    """
+    if isinstance(outcome.bench, Centrifuge):
         return _dwells(outcome, outcome.bench)
     calibration = outcome.calibration
     felt: Motion = calibration.correct(calibration.sensor.to_output(outcome.observations.mean))

@@ -134,7 +134,11 @@ def bench(outcome: Outcome) -> tuple[list[Grid], dict[str, list[tuple[str, float
     if run:
         rows = tuple((known[name].meaning, _run_row(estimate, name, known[name])) for name in run)
         grids.append(Grid("The whole run", ("stated", "found", "unit"), rows))
-    for scope, title in (("position", "By position"), ("turn", "By turn")):
+    for scope, title in (
+        ("position", "By position"),
+        ("turn", "By turn"),
+        ("pass", "By pass"),
+    ):
         names = [name for name, parameter in known.items() if parameter.scope == scope]
         if scope == "turn":
             names += free
@@ -172,7 +176,11 @@ def _by_label(
         stated = "free" if parameter is None else f"stated {minus(_stated(parameter, si))}"
         heads.append(f"{short}, {unit}\n{stated}")
         for label in labels:
-            k = estimate.names.index(f"{short}[{label}]")
+            full = f"{short}[{label}]"
+            if full not in estimate.names:
+                cells[label].append("")
+                continue
+            k = estimate.names.index(full)
             shown = digits(estimate.value[k] / si, estimate.std[k] / si)
             cells[label].append(minus(" ± ".join(shown)))
     return Grid(title, tuple(heads), tuple((label, tuple(row)) for label, row in cells.items()))

@@ -16,17 +16,16 @@ from typing import Any, get_args
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
-from inercal.benches import Centrifuge, Hand
-from inercal.calibration.files import load
+from inercal.benches import Bench, Centrifuge, DividingHead, Hand
 from inercal.errors import InputError
 from inercal.estimate import Gaussian
-from inercal.methods import Method, centrifuge_norm, method
+from inercal.methods import Method, method
 from inercal.plan import Step
 from inercal.runfile.build import build_bench, build_sensor, coefficient_value, si_value
+from inercal.runfile.priors import prior_from, static_prior
 from inercal.runfile.schema import (
-    CentrifugeSection,
+    BENCHES,
     DataSection,
-    HandSection,
     MethodSection,
     RunSchema,
 )
@@ -38,11 +37,24 @@ _PLAN = (
     ("turn", "°", "angle"),
     ("turn_seconds", "s", "turn_seconds"),
     ("positions", "", "positions"),
+    ("reverse", "", "reverse"),
     ("attitudes", "", "attitudes"),
     ("rates", "rpm", "rates"),
     ("turns", "", "turns"),
 )
-_KINDS = {Hand: "hand", Centrifuge: "centrifuge"}
+_KINDS = {Hand: "hand", Centrifuge: "centrifuge", DividingHead: "dividing_head"}
+_NEEDED = {  # columns in [data] that a bench does not do without
+    Centrifuge: ("arm_rate", "the column of the arm's rate (and arm_rate_unit)"),
+    DividingHead: ("angle", "the column of the head's angle (and angle_unit)"),
+}
+_OWN = {  # keys of [data] that belong to one kind of bench
+    "arm_rate": Centrifuge,
+    "attitude": Centrifuge,
+    "angle": DividingHead,
+    "autocollimator": DividingHead,
+    "level": DividingHead,
+}
+_TRIAD = ("x", "y", "z")
 _SENSE = ", or negative for a turn clockwise seen from above"
 
 
@@ -60,7 +72,7 @@ class Run:
         With readouts, noise and the coefficients wanted; all axes, also those not calibrated.
     truth : mapping of str to float
         Coefficients for a simulation, SI.
-    bench : Hand or Centrifuge
+    bench : Hand, Centrifuge or DividingHead
     data : DataSection
     method : Method
     estimator : str
@@ -78,7 +90,7 @@ class Run:
     sha256: str
     sensor: Sensor
     truth: Mapping[str, float]
-    bench: Hand | Centrifuge
+    bench: Bench
     data: DataSection
     method: Method[Any, Any]
     estimator: str
@@ -150,9 +162,10 @@ def read(path: str | Path, method_keys: Mapping[str, object] | None = None) -> R
 
 def _build(path: Path, digest: str, schema: RunSchema) -> Run:
     chosen = method(schema.method.name)
-    whole = build_sensor(schema.sensor)
+    bench = build_bench(schema.bench, path.parent)
+    axes = _axes(schema.data.accelerometer, bench)
+    whole = build_sensor(schema.sensor, axes)
     part = chosen.prepare(whole, schema.method.coefficients, schema.method.also)
-    bench = build_bench(schema.bench)
     if not isinstance(bench, chosen.bench):
         raise InputError(
             f"[bench] kind: method {chosen.name} takes {_KINDS[chosen.bench]!r}, not "
@@ -168,7 +181,9 @@ def _build(path: Path, digest: str, schema: RunSchema) -> Run:
             raise InputError(f"[method.prior] {name}: {text!r} has no uncertainty; write ± one")
         priors.append(Gaussian((name,), np.array([value.value]), np.array([[value.sd**2]])))
     if schema.method.prior_file is not None:
-        priors.append(_static(path.parent / schema.method.prior_file, part))
+        priors.append(static_prior(path.parent / schema.method.prior_file, part))
+    for file, names in schema.method.prior_from.items():
+        priors.append(prior_from(path.parent / file, names, part))
     truth = {
         name: coefficient_value(whole.with_coefficients(name), name, text, "[sensor.truth]").value
         for name, text in schema.sensor.truth.items()
@@ -201,58 +216,40 @@ def _build(path: Path, digest: str, schema: RunSchema) -> Run:
     )
 
 
-def _require_columns(schema: RunSchema, bench: Hand | Centrifuge) -> None:
-    """Refuse what belongs to a centrifuge on another bench, and a centrifuge without its rate."""
-    data, frame = schema.data, schema.sensor.frame
-    if isinstance(bench, Centrifuge):
-        if data.arm_rate is None:
-            raise InputError(
-                "[data] arm_rate is missing: name the column of the arm's rate (and arm_rate_unit)"
-            )
-        return
-    for key, given in (("arm_rate", data.arm_rate), ("attitude", data.attitude)):
-        if given is not None:
-            raise InputError(f'[data] {key} goes with [bench] kind = "centrifuge"')
-    if frame != "mount":
-        raise InputError(f"[sensor] frame {frame!r} is for norms on a centrifuge; leave it out")
+def _axes(columns: tuple[str | int, ...], bench: Bench) -> int | None:
+    """Return how many accelerometers stand on a dividing head; None is a triad, elsewhere.
 
-
-def _static(path: Path, sensor: Sensor) -> Gaussian:
-    """Return bias and scale factor as a calibration at rest found them, as a prior.
-
-    IEEE Std 836 advises to take both from a static multi-position test.
+    Raises
+    ------
+    InputError
+        Another number of columns than the bench takes.
     """
-    key = "[method] prior_file"
-    known = load(path)
-    if known.method == centrifuge_norm.METHOD.name:
-        raise InputError(
-            f"{key}: {path.name} was made on a centrifuge; give a calibration made at rest"
-        )
-    if known.sensor.name != sensor.name:
-        raise InputError(
-            f"{key}: {path.name} is of {known.sensor.name!r}, not of {sensor.name!r} "
-            "([sensor] name)"
-        )
-    # In the two forms k1 means different things beside misalignments.
-    known = known.in_form(sensor.form)
-    names = tuple(
-        name
-        for name in sensor.coefficients
-        if name.partition(".")[2] in ("k0", "k1") and name in known.sensor.coefficients
-    )
-    if not names:
-        raise InputError(f"{key}: {path.name} knows no k0 and k1 of {', '.join(sensor.channels)}")
-    theirs = {axis.name: axis.readout for axis in known.sensor.axes}
-    for axis in sensor.axes:
-        other = theirs.get(axis.name, axis.readout)
-        if (other.scale, other.offset) != (axis.readout.scale, axis.readout.offset):
+    n, key = len(columns), "[data] accelerometer"
+    if isinstance(bench, DividingHead):
+        if n not in (1, 2):
             raise InputError(
-                f"{key}: {path.name} has another nominal scale or offset of {axis.name}: "
-                f"{other.scale:.6g} and {other.offset:g}, not {axis.readout.scale:.6g} and "
-                f"{axis.readout.offset:g}"
+                f"{key}: name the columns of the one or two accelerometers on the head, such as "
+                f'["a", "b"]; there are {n}: {", ".join(map(str, columns))}'
             )
-    index = [known.sensor.coefficients.index(name) for name in names]
-    return Gaussian(names, known.values[index], known.covariance[np.ix_(index, index)])
+        return n
+    if n != len(_TRIAD):
+        raise InputError(f"{key}: {n} columns; name three, of {', '.join(_TRIAD)}")
+    return None
+
+
+def _require_columns(schema: RunSchema, bench: Bench) -> None:
+    """Refuse columns that belong to another bench, and a bench without the columns it needs."""
+    data, frame = schema.data, schema.sensor.frame
+    kind = type(bench)
+    for key, owner in _OWN.items():
+        if getattr(data, key) is not None and owner is not kind:
+            raise InputError(f'[data] {key} goes with [bench] kind = "{_KINDS[owner]}"')
+    if kind in _NEEDED:
+        key, what = _NEEDED[kind]
+        if getattr(data, key) is None:
+            raise InputError(f"[data] {key} is missing: name {what}")
+    if frame != "mount" and kind is not Centrifuge:
+        raise InputError(f"[sensor] frame {frame!r} is for norms on a centrifuge; leave it out")
 
 
 def _plan(chosen: Method[Any, Any], section: MethodSection) -> Callable[[], tuple[Step, ...]]:
@@ -260,7 +257,7 @@ def _plan(chosen: Method[Any, Any], section: MethodSection) -> Callable[[], tupl
     possible = signature(chosen.plan).parameters
     options: dict[str, Any] = {}
     for key, like, option in _PLAN:
-        given: str | int | tuple[str, ...] | None = getattr(section, key)
+        given: str | bool | int | tuple[str, ...] | None = getattr(section, key)
         if given is None:
             continue
         if option not in possible:
@@ -271,11 +268,11 @@ def _plan(chosen: Method[Any, Any], section: MethodSection) -> Callable[[], tupl
     return partial(chosen.plan, **options)
 
 
-def _option(given: str | int | tuple[str, ...], like: str, key: str) -> Any:
-    """Return what the plan takes: a word, a number, or quantities in SI."""
+def _option(given: str | bool | int | tuple[str, ...], like: str, key: str) -> Any:
+    """Return what the plan takes: a word, yes or no, a number, or quantities in SI."""
     if isinstance(given, tuple):
         return tuple(_option(each, like, key) for each in given)
-    if isinstance(given, str) and not like:
+    if isinstance(given, bool) or (isinstance(given, str) and not like):
         return given
     value = given if isinstance(given, int) else si_value(given, like, key)
     if value == 0 or (like not in ("°", "rpm") and value < 0):
@@ -293,8 +290,7 @@ def _first(error: ValidationError) -> str:
     if complaint["type"] == "extra_forbidden":
         model: type[BaseModel] = RunSchema
         if where[0] == "bench":
-            kinds = {"hand": HandSection, "centrifuge": CentrifugeSection}
-            model = kinds[str(complaint["loc"][1])]
+            model = BENCHES[str(complaint["loc"][1])]
         for part in where[1 if where[0] == "bench" else 0 : -1]:
             annotation = model.model_fields[part].annotation
             for inner in (annotation, *get_args(annotation)):  # a section may be optional

@@ -1,11 +1,18 @@
 """From the sections of a run file to objects in SI."""
 
-from inercal.benches import Centrifuge, Hand
+from pathlib import Path
+
+import numpy as np
+
+from inercal.benches import Bench, Centrifuge, DividingHead, Hand
+from inercal.benches.dividing_head import mounted
 from inercal.earth import earth_rate_up_north, normal_gravity
 from inercal.errors import InputError
+from inercal.io.read import read_table
 from inercal.runfile.schema import (
+    BenchSection,
     CentrifugeSection,
-    HandSection,
+    DividingHeadSection,
     ReadoutSection,
     SensorSection,
 )
@@ -15,17 +22,36 @@ from inercal.units import Measured, factor, parse
 _QUANTITY = {"accelerometer": "m/s²", "gyro": "rad/s"}
 _EXAMPLE = {"accelerometer": "2048 {}/g", "gyro": "16.4 {}/(°/s)"}
 _LARGEST_TILT = 0.0175  # rad
+_FEWEST_FACES = 3  # of a polygon
 _COUNTS = ("LSB", "V")  # an output that is no acceleration or rate: it needs a scale
 
 
-def build_sensor(section: SensorSection) -> Sensor:
-    """Return the sensor with readouts and noise; without coefficients."""
+def build_sensor(section: SensorSection, axes: int | None = None) -> Sensor:
+    """Return the sensor with readouts and noise; without coefficients.
+
+    Parameters
+    ----------
+    section : SensorSection
+    axes : int, optional
+        Accelerometers on a dividing head, one or two.
+
+    Raises
+    ------
+    InputError
+        A unit or a scale that is none, or gyros on a dividing head.
+    """
     accelerometer = _readout("accelerometer", section.accelerometer)
-    if section.gyro is None:
+    form = section.form or "reference"
+    if axes is not None:
+        if section.gyro is not None:
+            raise InputError("[sensor.gyro]: a dividing head stands still; leave it out")
+        sensor = mounted(section.name, "ab"[:axes], *accelerometer)
+        form = section.form or sensor.form
+    elif section.gyro is None:
         sensor = triad(section.name, "f", "a", *accelerometer)
     else:
         sensor = imu(section.name, accelerometer, _readout("gyro", section.gyro))
-    return Sensor(sensor.name, sensor.axes, (), section.form, frame=section.frame)
+    return Sensor(sensor.name, sensor.axes, (), form, frame=section.frame)
 
 
 def _readout(kind: str, section: ReadoutSection) -> tuple[Readout, Noise]:
@@ -89,10 +115,12 @@ def measured(text: str, like: str, key: str) -> Measured:
         raise InputError(f"{key}: {error}") from None
 
 
-def build_bench(section: HandSection | CentrifugeSection) -> Hand | Centrifuge:
-    """Return the bench."""
+def build_bench(section: BenchSection, folder: Path) -> Bench:
+    """Return the bench; files that it names lie in `folder`."""
     if isinstance(section, CentrifugeSection):
         return _centrifuge(section)
+    if isinstance(section, DividingHeadSection):
+        return _dividing_head(section, folder)
     latitude = None
     if section.latitude is not None:
         latitude = si_value(section.latitude, "°", "[bench] latitude")
@@ -104,6 +132,62 @@ def build_bench(section: HandSection | CentrifugeSection) -> Hand | Centrifuge:
         turn_tilt=_deviation(section, "turn_tilt", "°"),
         timebase=_deviation(section, "timebase", "1"),
     )
+
+
+def _dividing_head(section: DividingHeadSection, folder: Path) -> DividingHead:
+    key = "[bench] harmonics"
+    harmonics = tuple(si_value(text, "°", key) for text in section.harmonics)
+    if any(sd < 0 for sd in harmonics):
+        raise InputError(f"{key}: {section.harmonics} must not be negative")
+    polygon: tuple[float, ...] = ()
+    if section.polygon is not None:
+        if section.autocollimation == "none":
+            raise InputError(
+                '[bench] polygon: autocollimation is "none", which reads no face; state "pairs" '
+                'or "every"'
+            )
+        polygon = _polygon(folder / section.polygon, section.polygon_unit)
+    return DividingHead(
+        gravity=_gravity(section),
+        harmonics=harmonics,
+        collimated=section.autocollimation,
+        polygon=polygon,
+        certificate=_deviation(section, "certificate", "°"),
+        division=_small(section, "division"),
+        autocollimator=_small(section, "autocollimator"),
+        base=_small(section, "base"),
+        pier=_small(section, "pier"),
+        creep=_small(section, "creep"),
+        lean=_small(section, "lean"),
+        drift=_deviation(section, "drift", "m/s²"),
+    )
+
+
+def _polygon(path: Path, unit: str) -> tuple[float, ...]:
+    """Return the certified deviation of each face, rad.
+
+    Raises
+    ------
+    InputError
+        A table without columns `face` and `deviation`, or whose faces are not 1 to n in order.
+    """
+    table = read_table(path)
+    for name in ("face", "deviation"):
+        if name not in table.columns:
+            raise InputError(
+                f"[bench] polygon: {path.name} has no column {name!r}, but "
+                f"{', '.join(table.columns)}; it takes face and deviation"
+            )
+    face, deviation = table.numbers("face"), table.numbers("deviation")
+    bad = np.flatnonzero((face != np.arange(1, len(face) + 1)) | ~np.isfinite(deviation))
+    if bad.size or len(face) < _FEWEST_FACES:
+        where = f"line {table.first_line + bad[0]}" if bad.size else f"{len(face)} faces"
+        raise InputError(
+            f"[bench] polygon: {path.name}, {where}: give each face of the polygon one line, 1, 2, "
+            "3, … in the order in which they are read, with its deviation"
+        )
+    size = si_value(f"1 {unit}", "°", "[bench] polygon_unit")
+    return tuple((size * deviation).tolist())
 
 
 def _centrifuge(section: CentrifugeSection) -> Centrifuge:
@@ -131,7 +215,7 @@ def _centrifuge(section: CentrifugeSection) -> Centrifuge:
     )
 
 
-def _deviation(section: HandSection | CentrifugeSection, name: str, like: str) -> float:
+def _deviation(section: BenchSection, name: str, like: str) -> float:
     """Return a standard deviation that the section states."""
     text = getattr(section, name)
     value = si_value(text, like, f"[bench] {name}")
@@ -140,17 +224,17 @@ def _deviation(section: HandSection | CentrifugeSection, name: str, like: str) -
     return value
 
 
-def _small(section: CentrifugeSection, name: str) -> float:
+def _small(section: BenchSection, name: str) -> float:
     """Return a deviation that must be a small angle: tilts act to first order of their square."""
     value = _deviation(section, name, "°")
     if value > _LARGEST_TILT:
         raise InputError(
-            f"[bench] {name}: {getattr(section, name)!r} is more than a centrifuge can lean, 1°"
+            f"[bench] {name}: {getattr(section, name)!r} is more than a bench can lean, 1°"
         )
     return value
 
 
-def _gravity(section: HandSection | CentrifugeSection) -> Measured:
+def _gravity(section: BenchSection) -> Measured:
     """Return gravity as given, or computed from latitude and height."""
     if section.gravity is None:
         assert section.latitude is not None  # the schema requires one of the two

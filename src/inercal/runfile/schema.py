@@ -1,6 +1,6 @@
 """What a run file may contain, section by section. Values with units are text: "60 µg/√Hz"."""
 
-from typing import Annotated, Literal
+from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -26,7 +26,9 @@ class SensorSection(_Section):
     """[sensor]."""
 
     name: str = "sensor"
-    form: Literal["reference", "tilted"] = "reference"
+    form: Literal["reference", "tilted"] | None = Field(
+        None, description="'reference', but 'tilted' on a dividing head"
+    )
     frame: Literal["mount", "symmetric"] = "mount"
     accelerometer: ReadoutSection
     gyro: ReadoutSection | None = None
@@ -72,7 +74,30 @@ class CentrifugeSection(_BenchSection):
     mounting: str = "0.1 °"
 
 
-BenchSection = Annotated[HandSection | CentrifugeSection, Field(discriminator="kind")]
+class DividingHeadSection(_BenchSection):
+    """[bench]: a dividing head with its spindle level."""
+
+    kind: Literal["dividing_head"]
+    harmonics: tuple[str, ...] = ("1 ″", "1 ″")
+    division: str = "1 ″"
+    autocollimation: Literal["pairs", "every", "none"] = "none"
+    autocollimator: str = "0.1 ″"
+    polygon: str | None = Field(None, description="certificate: one row a face")
+    polygon_unit: str = "″"
+    certificate: str = "0.1 ″"
+    base: str = "10 ″"
+    pier: str = "0.1 ″"
+    creep: str = "0 ″"
+    lean: str = "20 ″"
+    drift: str = "0.5 µg"
+
+
+BENCHES: dict[str, type[_BenchSection]] = {
+    "hand": HandSection,
+    "centrifuge": CentrifugeSection,
+    "dividing_head": DividingHeadSection,
+}
+BenchSection = HandSection | CentrifugeSection | DividingHeadSection
 
 
 class DataSection(_Section):
@@ -80,7 +105,7 @@ class DataSection(_Section):
 
     file: str
     kind: Literal["recording", "means"] = "recording"
-    accelerometer: tuple[str | int, str | int, str | int] = ("acc_x", "acc_y", "acc_z")
+    accelerometer: tuple[str | int, ...] = ("acc_x", "acc_y", "acc_z")
     gyro: tuple[str | int, str | int, str | int] = ("gyr_x", "gyr_y", "gyr_z")
     gyro_file: str | None = Field(
         None, description="the gyros' columns, where they stand in a file of their own, same rows"
@@ -104,6 +129,14 @@ class DataSection(_Section):
         None, description="of means on a centrifuge: columns of ψ and θ"
     )
     attitude_unit: str = "°"
+    angle: str | int | None = Field(None, description="column of a dividing head's angle")
+    angle_unit: str = "°"
+    autocollimator: str | int | None = Field(
+        None, description="column of what it read beyond the angle"
+    )
+    autocollimator_unit: str = "″"
+    level: str | int | None = Field(None, description="column of a level on the head's base")
+    level_unit: str = "″"
 
     @model_validator(mode="after")
     def _means_are_one_table(self) -> "DataSection":
@@ -122,19 +155,25 @@ class MethodSection(_Section):
     seconds: str | None = Field(None, description="length of each hold in a simulation")
     turn: str | None = Field(None, description="angle of a turn, positive counter-clockwise")
     turn_seconds: str | None = None
-    positions: int | None = Field(None, description="rests of a multi_position simulation")
+    positions: int | None = Field(
+        None, description="rests of a multi_position simulation, or positions of a dividing head"
+    )
+    reverse: bool | None = Field(None, description="whether a dividing head goes back too")
     time_offset: bool = Field(False, description="find the gyros' delay too")
     attitudes: str | None = Field(None, description="plan of attitudes on a centrifuge")
     rates: tuple[str, ...] | None = Field(None, description="rates of the arm in the plan")
     turns: int | None = Field(None, description="whole turns that a dwell of the plan lasts")
     prior_file: str | None = Field(None, description="calibration of bias and scale in rest")
     prior: dict[str, str] = Field(default_factory=dict)
+    prior_from: dict[str, dict[str, str]] = Field(
+        default_factory=dict, description="by calibration file: our coefficient = its coefficient"
+    )
 
 
 class RunSchema(_Section):
     """A whole run file."""
 
     sensor: SensorSection
-    bench: BenchSection
+    bench: BenchSection = Field(discriminator="kind")
     data: DataSection
     method: MethodSection

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.errors import InputError
-from inercal.plan import HandStep, Hold, Turn
+from inercal.plan import HandStep, Index, Turn
 from inercal.recording import Mark, Observations, Recording
 from inercal.segments.attitudes import FLAWS
 from inercal.segments.drift import drift_covariance
@@ -30,7 +30,7 @@ def observe(
     recording: Recording,
     sensor: Sensor,
     marks: Sequence[Mark],
-    steps: Sequence[HandStep],
+    steps: Sequence[HandStep | Index],
     *,
     by_hand: bool = False,
     found: bool = False,
@@ -43,7 +43,7 @@ def observe(
     sensor : Sensor
         Its axes name the channels that are used; its readout gives SI.
     marks : sequence of Mark
-    steps : sequence of HandStep
+    steps : sequence of HandStep or Index
     by_hand : bool
         The sensor trembles: the accelerometers' noise is judged along gravity
         (`inercal.segments.tremor`). Without a trial axis.
@@ -59,7 +59,7 @@ def observe(
     used = [step for step in steps if step.label in by_label]
     columns = [recording.channels.index(name) for name in sensor.channels]
 
-    def section(step: HandStep) -> Array:
+    def section(step: HandStep | Index) -> Array:
         # Made anew each time: all sections together may be as large as the recording.
         mark = by_label[step.label]
         return sensor.to_si(recording.data[..., mark.start : mark.stop, columns])
@@ -72,7 +72,7 @@ def observe(
                 f"{recording.source}: section {mark.label} has {mark.stop - mark.start} samples; "
                 f"at least {MIN_SAMPLES} are needed"
             )
-    holds = [step for step in used if isinstance(step, Hold)]
+    holds = [step for step in used if not isinstance(step, Turn)]
     if not holds:
         raise InputError(f"{recording.source}: no position at rest is marked")
     scatter = np.stack([section(step).std(axis=-2) for step in holds])
@@ -148,7 +148,7 @@ def _refuse_moves(recording: Recording, labels: Sequence[str], scatter: Array) -
 
 
 def _refuse_flaws(
-    recording: Recording, mark: Mark, step: HandStep, channels: Sequence[str]
+    recording: Recording, mark: Mark, step: HandStep | Index, channels: Sequence[str]
 ) -> None:
     """Refuse a section that holds saturated or stuck samples, or a turn with samples lost."""
     where = f"{recording.source}: section {mark.label} (samples {mark.start} to {mark.stop})"

@@ -29,7 +29,7 @@ from inercal.methods._base import Method
 from inercal.methods.centrifuge_norm import closed
 from inercal.methods.centrifuge_norm.plans import plan
 from inercal.methods.centrifuge_norm.problems import by_norm, problem
-from inercal.methods.observed import require_observed
+from inercal.methods.observed import NOISE_ALONE, require_observed
 from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import Sensor
@@ -206,7 +206,7 @@ def _closed(
             f"estimator {name}: the noise is larger than what k2 leaves in the fourth powers of "
             f"{', '.join(lost)}, whose square root it takes; use series or ml"
         )
-    return Estimate.of_formulas(sensor.coefficients, value, spread, singular)
+    return Estimate.of_formulas(sensor.coefficients, value, spread, singular, (NOISE_ALONE,))
 
 
 METHOD = Method(

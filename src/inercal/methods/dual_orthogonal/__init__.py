@@ -27,8 +27,7 @@ from inercal.estimate import Estimate, Gaussian, least_squares
 from inercal.methods import by_angle
 from inercal.methods._base import Method
 from inercal.methods.dual_orthogonal import patent as four
-from inercal.methods.dual_orthogonal import square
-from inercal.methods.dual_orthogonal.gains import of_gains
+from inercal.methods.dual_orthogonal import square, together
 from inercal.methods.observed import require_observed
 from inercal.plan import Index
 from inercal.recording import Observations
@@ -69,7 +68,7 @@ def joint(
     square.require_positions(sensor, steps)
     estimate = least_squares(by_angle.problem(observations, sensor, bench, steps, priors))
     require_observed(estimate, sensor, missing=())
-    return replace(estimate, notes=(*of_gains(estimate, bench, priors), *estimate.notes))
+    return replace(estimate, notes=(*together.notes(estimate, bench, priors), *estimate.notes))
 
 
 def patent(
@@ -92,7 +91,7 @@ def patent(
     """
     steady = by_angle.drifting(observations, bench, steps)
     estimate = four.estimate(steady, sensor, bench, steps, priors)
-    return replace(estimate, notes=(*of_gains(estimate, bench, priors), *estimate.notes))
+    return replace(estimate, notes=(*together.notes(estimate, bench, priors), *estimate.notes))
 
 
 def dual(
@@ -118,7 +117,7 @@ def dual(
     square.require_told(sensor, bench, steps, priors)
     steady = by_angle.drifting(observations, bench, steps)
     estimate = least_squares(square.problem(steady, sensor, bench, steps, priors))
-    return replace(estimate, notes=(*of_gains(estimate, bench, priors), *estimate.notes))
+    return replace(estimate, notes=(*together.notes(estimate, bench, priors), *estimate.notes))
 
 
 def single(

@@ -98,8 +98,12 @@ def estimate(
         maps, seen, others, to_held, structure.covariance, asked.noise, readings, priors
     )
     value = fixed @ maps.held.T + found.value @ maps.free.T
+    residual, whitened = _everywhere(observations, sensor, nominal, value, g)
     return replace(
         found,
+        residual=residual,
+        whitened=whitened,
+        observations=observations.labels,
         names=sensor.coefficients,
         wanted=sensor.coefficients,
         value=value,
@@ -112,6 +116,16 @@ def estimate(
         null_directions=structure.null_directions,
         weakest=structure.weakest,
     )
+
+
+def _everywhere(
+    observations: Observations, sensor: Sensor, nominal: Array, value: Array, g: float
+) -> tuple[Array, Array]:
+    """Return the residuals of g² at all positions, (..., r) m/s² and in standard deviations."""
+    residual = square.compare(sensor, observations.mean, value, g).residual
+    up = nominal / np.linalg.norm(nominal, axis=-1, keepdims=True)
+    noise = square.along(up, observations.full_covariance)
+    return residual, residual / np.sqrt(np.diagonal(noise, axis1=-2, axis2=-1))
 
 
 def _of_both_stages(
