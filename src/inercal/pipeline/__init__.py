@@ -29,6 +29,8 @@ from inercal.recording import Finding, Mark, Observations, Recording
 from inercal.runfile import Run, read
 from inercal.segments import FoundRests
 
+_ALL = 3  # axes of a kind that see every component
+
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
@@ -163,7 +165,8 @@ def apply(calibration: Calibration, run: Run | str | Path) -> Recording:
     Returns
     -------
     Recording
-        Channels fx, fy, fz (m/s²) and wx, wy, wz (rad/s), whichever the sensor has.
+        Channels fx, fy, fz (m/s²) and wx, wy, wz (rad/s), whichever the sensor has; of one or two
+        accelerometers those along them, what acts across being taken as nothing.
 
     Raises
     ------
@@ -185,15 +188,22 @@ def apply(calibration: Calibration, run: Run | str | Path) -> Recording:
                 f"{axis.readout.offset:g}"
             )
     recording = load_recording(run)
-    motion = calibration.correct(recording)
-    kinds = {axis.measures for axis in calibration.sensor.axes}
+    axes = calibration.sensor.axes
+    count = {kind: sum(axis.measures == kind for axis in axes) for kind in ("f", "w")}
+    # What acts across one accelerometer, or across two, is taken as nothing.
+    nothing = np.zeros((1, 3))
+    motion = calibration.correct(
+        recording,
+        f=nothing if 0 < count["f"] < _ALL else None,
+        w=nothing if 0 < count["w"] < _ALL else None,
+    )
     felt = [("f", "m/s²", motion.f), ("w", "rad/s", motion.w)]
-    present = [part for part in felt if part[0] in kinds]
+    present = [(kind, unit, values[..., : count[kind]]) for kind, unit, values in felt]
     return replace(
         recording,
         data=np.concatenate([values for _, _, values in present], axis=-1),
-        channels=tuple(kind + axis for kind, _, _ in present for axis in "xyz"),
-        units=tuple(unit for _, unit, _ in present for _ in "xyz"),
+        channels=tuple(kind + axis for kind, _, _ in present for axis in "xyz"[: count[kind]]),
+        units=tuple(unit for kind, unit, _ in present for _ in "xyz"[: count[kind]]),
     )
 
 

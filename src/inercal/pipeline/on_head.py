@@ -231,7 +231,7 @@ def _conditions(run: Run, bench: DividingHead, steps: Sequence[Index]) -> dict[s
     found = {
         "gravity": readable(bench.gravity.value, bench.gravity.sd, "m/s²"),
         "positions": f"{different}, in {count} pass{'es' * (count > 1)}",
-        "head's error, rms (k = 1)": readable(bench.rms, 0.0, "″"),
+        "head's error, rms (k = 1)": f"{bench.rms * 648_000 / pi:.3g} ″",
         "autocollimation": bench.collimated,
     }
     if bench.collimated != "none":

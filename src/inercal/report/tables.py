@@ -21,8 +21,8 @@ _SHOWN = {  # unit of a parameter of the bench: as printed, its SI size
     "rad/s": ("°/h", pi / 648_000),
     "1": ("ppm", 1e-6),
 }
-_FINE = ("″", pi / 648_000)
-_SMALL = 1e-3  # rad
+_FINE = {"rad": ("″", pi / 648_000), "m/s²": ("µg", 1e-6 * G0)}
+_SMALL = 1e-3  # rad or m/s²
 _STRONG = 0.5  # correlations from here on are named
 _PAIRS = 8
 
@@ -151,8 +151,8 @@ def _shown(parameter: Parameter | None) -> tuple[str, float]:
     """Return the unit to print a parameter in, and its SI size; None is a force."""
     if parameter is None:
         return _SHOWN["m/s²"]
-    fine = parameter.unit == "rad" and abs(parameter.value) + parameter.sd < _SMALL
-    return _FINE if fine else _SHOWN[parameter.unit]
+    fine = abs(parameter.value) + parameter.sd < _SMALL and parameter.unit in _FINE
+    return (_FINE if fine else _SHOWN)[parameter.unit]
 
 
 def _run_row(estimate: Estimate, name: str, parameter: Parameter) -> tuple[str, ...]:

@@ -64,15 +64,15 @@ def design(theta: Array) -> Array:
     return np.stack(columns, axis=-1)
 
 
-def null_vectors(sensor: Sensor) -> tuple[tuple[str, Array], ...]:
+def null_vectors(sensor: Sensor, g: float) -> tuple[tuple[str, Array], ...]:
     """Return those null directions whose coefficients the sensor has, (p,) each in SI."""
+    size = {"k0": g, "k1": 1.0, "k2": 1 / g, "k3": 1 / g**2, "kip": 1 / g}
     found: list[tuple[str, Array]] = []
     for words, weights in NULLS:
         if set(weights) <= set(sensor.coefficients):
             row = np.zeros(len(sensor.coefficients))
             for name, weight in weights.items():
-                k = sensor.coefficients.index(name)
-                row[k] = weight * sensor.natural[k]
+                row[sensor.coefficients.index(name)] = weight * size[name.partition(".")[2]]
             found.append((words, row))
     return tuple(found)
 
@@ -157,7 +157,7 @@ def problem(
         priors=tuple(priors),
         gauges=gauges(sensor),
         observations=observations.labels,
-        known_nulls=null_vectors(sensor),
+        known_nulls=null_vectors(sensor, g),
         rounding=g / float(np.sqrt(np.diagonal(noise, axis1=-2, axis2=-1).min())) * _ROUNDING,
     )
 
