@@ -1,6 +1,7 @@
 """Priors that a run file takes from calibration files, with their covariance."""
 
 from collections.abc import Mapping
+from math import isclose
 from pathlib import Path
 
 import numpy as np
@@ -90,7 +91,7 @@ def prior_from(path: Path, taken: Mapping[str, str], sensor: Sensor) -> Gaussian
 def _require_alike(key: str, path: Path, axis: Axis, other: Axis) -> None:
     """Refuse an axis whose coefficients refer to another nominal readout."""
     mine, theirs = axis.readout, other.readout
-    if (theirs.scale, theirs.offset) != (mine.scale, mine.offset):
+    if not (isclose(theirs.scale, mine.scale) and isclose(theirs.offset, mine.offset)):
         raise InputError(
             f"{key}: {path.name} has another nominal scale or offset of {axis.name}: "
             f"{theirs.scale:.6g} and {theirs.offset:g}, not {mine.scale:.6g} and {mine.offset:g}"

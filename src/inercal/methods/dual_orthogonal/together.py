@@ -68,4 +68,5 @@ def _together(
     """Return the weighted sum of two, its deviation, and whether it is known far better."""
     both, to = estimate.select(names), np.array(weights)
     sd = float(np.sqrt(to @ both.covariance @ to))
-    return float(to @ both.value), sd, bool((both.std > _BETTER * sd).all())
+    alone = both.std * np.abs(to)
+    return float(to @ both.value), sd, bool((alone > _BETTER * sd).all())

@@ -1,0 +1,478 @@
+"""Run files on a dividing head, from the file to the verdict; what is wrong is said in one line."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+from tests.accuracy.dividing_head import ARCSEC, Bench, draw, readings
+
+from inercal.benches.dividing_head import mounted
+from inercal.calibration import Calibration
+from inercal.calibration.files import save
+from inercal.errors import InercalError, InputError, NotObserved
+from inercal.io.write import write_recording
+from inercal.pipeline import Outcome, apply, calibrate, named_as_in, simulate
+from inercal.plan import Index
+from inercal.recording import Mark, Recording
+from inercal.runfile import read
+from inercal.segments import observe
+from inercal.sensors import G0, triad
+
+Array = NDArray[np.float64]
+ROOT = Path(__file__).parents[1]
+SCALE = {"k0": G0, "k1": 1.0, "delta": 1.0, "k2": 1 / G0, "k3": 1 / G0**2, "kip": 1 / G0}
+NOISE = 0.2e-6  # g
+RUN = """
+[sensor]
+name = "pair"
+
+[sensor.accelerometer]
+unit = "V"
+scale = "3 V/g"
+
+[bench]
+kind = "dividing_head"
+gravity = "9.80665 m/s²"
+harmonics = ["1.897 ″", "1.643 ″"]
+division = "1.643 ″"
+autocollimation = "pairs"
+autocollimator = "0.1 ″"
+certificate = "0 ″"
+base = "5 ″"
+pier = "0 ″"
+lean = "20 ″"
+drift = "0 µg"
+
+[data]
+file = "table.csv"
+kind = "means"
+accelerometer = ["A", "B"]
+angle = "angle"
+sd.accelerometer = "0.2 µg"
+
+[method]
+name = "dual_orthogonal"
+"""
+PRIORS = """
+[method.prior]
+"a.kip" = "0 ± 20 µg/g²"
+"b.kip" = "0 ± 20 µg/g²"
+"a.k3" = "0 ± 5 µg/g³"
+"b.k3" = "0 ± 5 µg/g³"
+"""
+
+
+class Table:
+    """A table of one calibration, readings in V, from a generator of its own."""
+
+    def __init__(self, seed: int = 1, n: int = 12, *, collimated: str = "pairs") -> None:
+        bench = Bench(collimated=collimated, noise=NOISE)
+        theta, truth, y = draw(seed, 1, bench, n, reverse=True)
+        self.truth = {term: value[0] for term, value in truth.items()}
+        self.columns = {"angle": np.degrees(theta), "A": 3 * y[0, :, 0], "B": 3 * y[0, :, 1]}
+
+    def write(self, folder: Path, rows: Sequence[int] | None = None) -> Path:
+        """Write the table with its run file, whose path is returned."""
+        kept = slice(None) if rows is None else list(rows)
+        lines = [",".join(self.columns)]
+        lines += [
+            ",".join("" if np.isnan(x) else repr(float(x)) for x in row)
+            for row in np.column_stack(list(self.columns.values()))[kept]
+        ]
+        (folder / "table.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+        return run_file(folder)
+
+    def error(self, outcome: Outcome) -> Array:
+        """Return the errors of the coefficients, (p,) SI."""
+        names = outcome.calibration.sensor.coefficients
+        found = outcome.calibration.values
+        return found - np.array([self.true(name) for name in names])
+
+    def true(self, name: str) -> float:
+        axis, _, short = name.partition(".")
+        term = "delta" if short == "delta_o" else short
+        return SCALE[term] * float(self.truth[term]["ab".index(axis)])
+
+
+def run_file(folder: Path, *changes: tuple[str, str], more: str = PRIORS) -> Path:
+    text = RUN
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    path = folder / "run.toml"
+    path.write_text(text + more, encoding="utf-8")
+    return path
+
+
+def nees(outcome: Outcome, error: Array) -> float:
+    return float(error @ np.linalg.solve(outcome.calibration.covariance, error)) / error.size
+
+
+@pytest.mark.parametrize("collimated", ["pairs", "every"])
+def test_tables_of_another_program_give_the_truth_as_well_as_stated(
+    tmp_path: Path, collimated: str
+):
+    found: list[float] = []
+    for seed in range(1, 31):
+        table = Table(seed, collimated=collimated)
+        table.write(tmp_path)
+        change = ('autocollimation = "pairs"', f'autocollimation = "{collimated}"')
+        outcome = calibrate(run_file(tmp_path, change))
+        found.append(nees(outcome, table.error(outcome)))
+        assert outcome.estimate.chi2 < 2 * outcome.estimate.dof
+    assert np.mean(found) == pytest.approx(1, abs=4 * np.sqrt(2 / 12 / len(found)))
+
+
+def test_patent_single_and_dual_run_too(tmp_path: Path):
+    table = Table(2)
+    table.write(tmp_path)
+    known = PRIORS.replace("± 5", "± 0.5")  # about zero: K3 of this pair is made so small
+    for name in ("patent", "single"):
+        estimator = ('name = "dual_orthogonal"', f'name = "dual_orthogonal"\nestimator = "{name}"')
+        more = known if name == "patent" else ""
+        outcome = calibrate(run_file(tmp_path, estimator, more=more))
+        assert outcome.verdict[0].endswith("nothing is left over to test them with")
+        off = dict(zip(outcome.calibration.sensor.coefficients, table.error(outcome), strict=True))
+        sd = outcome.calibration.uncertainty("a.k0")
+        assert abs(off["a.k0"]) < 4 * sd
+        assert sd == pytest.approx((0.35e-6 if name == "patent" else 5e-6) * G0, rel=0.35)
+    dual = ('name = "dual_orthogonal"', 'name = "dual_orthogonal"\nestimator = "dual"')
+    with pytest.raises(NotObserved, match=r"k1 against K3: a\.k1 − a\.k3 − b\.k1 \+ b"):
+        calibrate(run_file(tmp_path, dual, more=PRIORS[: PRIORS.index('"a.k3"')]))
+
+
+def test_without_k3_from_elsewhere_the_sum_is_told_and_why(tmp_path: Path):
+    table = Table(3)
+    table.write(tmp_path)
+    kip = PRIORS[: PRIORS.index('"a.k3"')]
+    outcome = calibrate(run_file(tmp_path, more=kip))
+    (line,) = (line for line in outcome.verdict if line.startswith("k1 + K3 g²"))
+    assert "K3 has no prior" in line
+    names, g2 = ("a.k1", "a.k3"), G0**2
+    both = outcome.estimate.select(names)
+    to = np.array([1.0, g2])
+    error = to @ both.value - table.true("a.k1") - g2 * table.true("a.k3")
+    sd = float(np.sqrt(to @ both.covariance @ to))
+    assert sd < 0.2e-6 < 5e-6 < float(both.std[0])
+    assert abs(error) < 4 * sd
+    wide = next(s for s in calibrate(run_file(tmp_path)).verdict if s.startswith("k1 + K3 g²"))
+    assert "a prior of K3 tells k1 from K3" in wide
+
+
+def test_one_accelerometer_alone_is_as_good_as_the_head(tmp_path: Path):
+    table = Table(4, collimated="none")
+    table.write(tmp_path)
+    alone = (
+        ('["A", "B"]', '["A"]'),
+        ('autocollimation = "pairs"', 'autocollimation = "none"'),
+    )
+    outcome = calibrate(run_file(tmp_path, *alone, more=""))
+    error = table.error(outcome)
+    assert outcome.calibration.sensor.channels == ("a",)
+    assert outcome.calibration.uncertainty("a.k0") == pytest.approx(9.8e-6 * G0, rel=0.1)
+    assert nees(outcome, error) < 1 + 5 * np.sqrt(2 / 6)
+
+
+def test_what_level_and_autocollimator_read_is_taken_out(tmp_path: Path):
+    table = Table(5, collimated="every")
+    rng = np.random.default_rng(7)
+    theta = np.radians(table.columns["angle"])
+    n = theta.size
+    level, reading = (ARCSEC * 3 * rng.standard_normal(n) for _ in range(2))
+    faces = ARCSEC * 2 * rng.standard_normal(12)
+    on_face = faces[np.round(theta * 12 / (2 * np.pi)).astype(int) % 12]
+    # Without noise, at the angles that all three tell together. Whether P turns with the case is
+    # a matter of definition, by the product of δ and Kip.
+    table.truth["kip"] = np.zeros(2)
+    truth = {term: value[None] for term, value in table.truth.items()}
+    y = readings_at(truth, theta + level + reading + on_face)
+    table.columns |= {"A": 3 * y[:, 0], "B": 3 * y[:, 1]}
+    table.columns |= {"tilt": level * 1e6, "read": reading / ARCSEC}
+    table.write(tmp_path)
+    rows = "\n".join(f"{k},{x!r}" for k, x in enumerate((faces / ARCSEC).tolist(), start=1))
+    (tmp_path / "polygon.csv").write_text(f"face,deviation\n{rows}\n", encoding="utf-8")
+    told = (
+        ('autocollimation = "pairs"', 'autocollimation = "every"\npolygon = "polygon.csv"'),
+        (
+            'angle = "angle"',
+            'angle = "angle"\nlevel = "tilt"\nlevel_unit = "µrad"\nautocollimator = "read"',
+        ),
+    )
+    outcome = calibrate(run_file(tmp_path, *told, more=""))
+    natural = outcome.calibration.sensor.natural
+    off = dict(
+        zip(outcome.calibration.sensor.coefficients, table.error(outcome) / natural, strict=True)
+    )
+    assert max(abs(x) for x in off.values()) < 1e-12
+    silent = calibrate(run_file(tmp_path, told[0], more=""))
+    assert silent.estimate.chi2 > 100 * silent.estimate.dof
+
+
+def readings_at(truth: dict[str, Array], psi: Array) -> Array:
+    return readings(truth, psi[None], np.zeros(1))[0]
+
+
+def test_k3_comes_from_a_centrifuge_with_its_covariance(tmp_path: Path):
+    table = Table(6)
+    table.write(tmp_path)
+    known = triad("on the arm", prefix="a").with_coefficients("k0", "k3")
+    axes = tuple(replace(axis, readout=replace(axis.readout, scale=3 / G0)) for axis in known.axes)
+    known = replace(known, axes=axes)
+    k3 = np.array([table.true("a.k3"), 0.0, table.true("b.k3")])
+    values = np.zeros(6)
+    where = [known.coefficients.index(f"a{axis}.k3") for axis in "xyz"]
+    values[where] = k3
+    covariance = 1e-20 * np.eye(6)
+    covariance[np.ix_(where, where)] = (0.5e-6 / G0**2) ** 2 * (0.8 + 0.2 * np.eye(3))
+    made = Calibration(known, values, covariance, "centrifuge_norm", "ml", {}, {}, (), "triangular")
+    save(made, tmp_path / "arm.calibration.json")
+    more = (
+        PRIORS[: PRIORS.index('"a.k3"')]
+        + '[method.prior_from."arm.calibration.json"]\n"a.k3" = "ax.k3"\n"b.k3" = "az.k3"\n'
+    )
+    outcome = calibrate(run_file(tmp_path, more=more))
+    assert outcome.calibration.uncertainty("a.k1") < 0.6e-6
+    assert nees(outcome, table.error(outcome)) < 1 + 5 * np.sqrt(2 / 12)
+    told = read(run_file(tmp_path, more=more)).priors[-1]
+    assert told.names == ("a.k3", "b.k3")
+    assert told.covariance[0, 1] / told.covariance[0, 0] == pytest.approx(0.8)
+    for old, new, words in (
+        ("az.k3", "aw.k3", r"no 'aw.k3'; arm.calibration.json knows ax.k0"),
+        ('"b.k3"', '"c.k3"', r"no 'c.k3'; the method finds a.k0"),
+        ("az.k3", "az.k0", "not of one kind"),
+        ("az.k3", "ax.k3", "stands for two"),
+    ):
+        with pytest.raises(InputError, match=words):
+            read(run_file(tmp_path, more=more.replace(old, new)))
+    with pytest.raises(InputError, match=r"another nominal scale or offset of a: 0\.305"):
+        read(run_file(tmp_path, ('scale = "3 V/g"', 'scale = "2 V/g"'), more=more))
+
+
+# What is wrong is said in one line
+
+
+def refused(path: Path, words: str, kind: type[InercalError] = InputError) -> None:
+    with pytest.raises(kind, match=words) as refusal:
+        calibrate(path)
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_and_b_swapped_are_found_by_their_phase(tmp_path: Path):
+    Table().write(tmp_path)
+    refused(
+        run_file(tmp_path, ('["A", "B"]', '["B", "A"]')),
+        r'B and A are swapped: B reads most at 0° and A at 90°, .*; write \["A", "B"\]',
+    )
+
+
+def test_a_head_that_counts_the_other_way_is_found(tmp_path: Path):
+    table = Table()
+    table.columns["angle"] = -table.columns["angle"]
+    refused(table.write(tmp_path), "A reads most at 270°, where A reads most at 90°: the head")
+
+
+def test_a_wrong_unit_is_found(tmp_path: Path):
+    Table().write(tmp_path)
+    refused(
+        run_file(tmp_path, ('scale = "3 V/g"', 'scale = "3 V/(m/s²)"')),
+        r"A swings by 0\.102 g .* not by 1 g",
+    )
+
+
+def test_counts_without_a_scale_are_refused(tmp_path: Path):
+    Table().write(tmp_path)
+    refused(
+        run_file(tmp_path, ('unit = "V"\nscale = "3 V/g"', 'unit = "LSB"')),
+        r"\[sensor.accelerometer\]: LSB without a scale",
+    )
+
+
+def test_a_pair_without_its_other_position_is_refused(tmp_path: Path):
+    table = Table()
+    rows = [k for k in range(24) if k != 6]  # 180° of the way forward
+    refused(table.write(tmp_path, rows), r"pass 1 has no 180°: add it to table\.csv")
+
+
+@pytest.mark.parametrize("n", [5, 6, 7])
+def test_seven_positions_and_fewer_are_refused(tmp_path: Path, n: int):
+    Table(n=n, collimated="none").write(tmp_path)
+    for estimator in ("joint", "dual"):
+        changes = (
+            ('autocollimation = "pairs"', 'autocollimation = "none"'),
+            ('name = "dual_orthogonal"', f'name = "dual_orthogonal"\nestimator = "{estimator}"'),
+        )
+        words = f"{n} different positions show {n} of the 8 .*take 9 or more"
+        refused(run_file(tmp_path, *changes), words, NotObserved)
+
+
+def test_patent_refuses_eight_positions(tmp_path: Path):
+    Table(n=8).write(tmp_path)
+    patent = ('name = "dual_orthogonal"', 'name = "dual_orthogonal"\nestimator = "patent"')
+    refused(run_file(tmp_path, patent), "3 of 5", NotObserved)
+    assert calibrate(run_file(tmp_path)).estimate.converged
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (
+            "face,deviation\n" + "".join(f"{k},0.1\n" for k in range(1, 9)),
+            "no face of a polygon of 8",
+        ),
+        ("face,deviation\n1,0.1\n3,0.2\n4,0.1\n", r"polygon\.csv, line 3: give each face"),
+        ("face,deviation\n1,0.1\n2,0.2\n", "2 faces: give each face"),
+        ("face,deviation\n1,0.1\n2,\n3,0.1\n", r"polygon\.csv, line 3"),
+        ("number,deviation\n1,0.1\n2,0.2\n3,0.1\n", "no column 'face', but number, deviation"),
+    ],
+)
+def test_a_certificate_that_does_not_fit_is_refused(tmp_path: Path, text: str, words: str):
+    Table(collimated="every").write(tmp_path)
+    (tmp_path / "polygon.csv").write_text(text, encoding="utf-8")
+    change = ('autocollimation = "pairs"', 'autocollimation = "every"\npolygon = "polygon.csv"')
+    refused(run_file(tmp_path, change), words)
+
+
+def test_a_reading_of_the_autocollimator_that_is_missing_is_refused(tmp_path: Path):
+    table = Table(collimated="every")
+    read = np.zeros(24)
+    read[4] = np.nan
+    table.columns["read"] = read
+    table.write(tmp_path)
+    column = ('angle = "angle"', 'angle = "angle"\nautocollimator = "read"')
+    every = ('autocollimation = "pairs"', 'autocollimation = "every"')
+    refused(run_file(tmp_path, column, every), "line 6: column 'read' holds no number; give what")
+    assert calibrate(run_file(tmp_path, column)).estimate.converged  # 120° is in no pair
+    read[6] = np.nan
+    table.columns["read"] = read
+    table.write(tmp_path)
+    refused(run_file(tmp_path, column), "line 8: column 'read' holds no number")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('["A", "B"]', '["A", "B", "C"]', r"the one or two accelerometers .* there are 3"),
+        ('angle = "angle"\n', "", r"\[data\] angle is missing: name the column of the head's"),
+        ('angle = "angle"', 'angle = "angle"\narm_rate = "r"', "arm_rate goes with .*centrifuge"),
+        ('angle = "angle"', 'angle = "angle"\nangle_unit = "V"', "angle_unit"),
+        ('angle = "angle"', 'angle = "angle"\nseconds = "s"', "a dividing head stands still"),
+        ('division = "1.643 ″"', 'division = "-1 ″"', "division: '-1 ″' must not be negative"),
+        ('base = "5 ″"', 'base = "5 °"', "more than a bench can lean"),
+        ('"1.643 ″"]', '"-1.6 ″"]', "must not be negative"),
+        ('"pairs"', '"some"', "autocollimation: Input should be 'pairs', 'every' or 'none'"),
+        ('"pairs"', '"none"\npolygon = "p.csv"', "reads no face"),
+        ('name = "pair"', 'name = "pair"\nform = "reference"', "state form = \"tilted\""),
+        ('name = "dual_orthogonal"', 'name = "six_position"', "takes 'hand', not 'dividing_head'"),
+        ('[bench]', '[sensor.gyro]\nunit = "°/s"\n\n[bench]', "a dividing head stands still"),
+        ('kind = "dividing_head"', 'kind = "dividing_head"\nradius = "1 m"', "unknown key bench"),
+        ("sd.accelerometer", "# sd.accelerometer", r"\[data.sd\] accelerometer is missing"),
+    ],
+)  # fmt: skip
+def test_run_files_that_cannot_be_are_refused(tmp_path: Path, old: str, new: str, words: str):
+    Table().write(tmp_path)
+    refused(run_file(tmp_path, (old, new)), words)
+
+
+def test_an_angle_that_is_no_number_is_refused(tmp_path: Path):
+    table = Table()
+    table.columns["angle"][3] = np.nan
+    refused(table.write(tmp_path), "line 5: column 'angle' holds no number; give the head's angle")
+
+
+# Recordings
+
+
+EXAMPLE = ROOT / "examples" / "dividing_head" / "pair.toml"
+
+
+def recorded(folder: Path, *changes: tuple[str, str], seed: int = 0) -> Path:
+    text = EXAMPLE.read_text(encoding="utf-8")
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    path = folder / "pair.toml"
+    path.write_text(text, encoding="utf-8")
+    run = read(path)
+    write_recording(named_as_in(run, simulate(run, seed)), run.file(run.data.file))
+    return path
+
+
+def off(outcome: Outcome, path: Path) -> Array:
+    truth = read(path).truth
+    names = outcome.calibration.sensor.coefficients
+    return outcome.calibration.values - np.array([truth[name] for name in names])
+
+
+@pytest.mark.parametrize("kind", ["every", "pairs", "none"])
+def test_simulated_recordings_give_the_truth_as_well_as_stated(tmp_path: Path, kind: str):
+    found: list[float] = []
+    for seed in range(12):
+        change = ('autocollimation = "every"', f'autocollimation = "{kind}"')
+        path = recorded(tmp_path, change, seed=seed)
+        outcome = calibrate(path)
+        error = off(outcome, path)
+        # Kip of the example is one of those that its prior expects, but always the same one.
+        kept = [k for k, n in enumerate(outcome.calibration.sensor.coefficients) if "kip" not in n]
+        covariance = outcome.calibration.covariance[np.ix_(kept, kept)]
+        found.append(float(error[kept] @ np.linalg.solve(covariance, error[kept])) / len(kept))
+    assert np.mean(found) == pytest.approx(1, abs=4 * np.sqrt(2 / 10 / len(found)))
+
+
+def test_positions_are_found_without_labels(tmp_path: Path):
+    path = recorded(tmp_path)
+    labelled = calibrate(path)
+    text = path.read_text(encoding="utf-8")
+    path.write_text(
+        text.replace('label = "label"\n', "").replace('marks = "labels"\n', ""), encoding="utf-8"
+    )
+    found = calibrate(path)
+    # Where the head turns round it stands twice as long, at one position.
+    assert [step.label for step in found.steps][:2] == ["0° forward", "30° forward"]
+    assert [step.label for step in found.steps][11:13] == ["330° forward", "300° reverse"]
+    assert found.observations.duration[11] == pytest.approx(60, abs=3)
+    sd = labelled.calibration.std
+    assert np.abs((found.calibration.values - labelled.calibration.values) / sd).max() < 1
+
+
+def test_a_section_in_which_the_head_moves_is_refused(tmp_path: Path):
+    path = recorded(tmp_path)
+    run = read(path)
+    recording = simulate(run)
+    assert recording.labels is not None
+    labels = recording.labels.copy()
+    labels[: np.argmax(labels == "f02")] = "f01"
+    write_recording(named_as_in(run, replace(recording, labels=labels)), run.file(run.data.file))
+    refused(path, r"section f01 \(line \d+\): the head's angle changes")
+
+
+def test_corrected_recordings_hold_what_acts_along_the_accelerometers(tmp_path: Path):
+    path = recorded(tmp_path)
+    outcome = calibrate(path)
+    corrected = apply(outcome.calibration, path)
+    assert corrected.channels == ("fx", "fy")
+    norm = np.linalg.norm(corrected.data, axis=-1)
+    still = corrected.labels != ""
+    assert norm[still].mean() == pytest.approx(9.80153, abs=1e-5)
+
+
+@pytest.mark.parametrize(("seconds", "most"), [(0.1, 1.1), (1.0, 1.25)])
+def test_coloured_noise_is_in_the_standard_error(seconds: float, most: float):
+    """Correlated over 1/300 or 1/30 of a position; taken as white it would be 1.6 or 4.5 times."""
+    n, rate, sensor = 300, 10.0, mounted()
+    steps = [Index(f"p{k}", 0.26 * k) for k in range(24)]
+    marks = [Mark(step.label, k * n, (k + 1) * n) for k, step in enumerate(steps)]
+    phi = np.exp(-1 / rate / seconds)
+    ratio: list[Array] = []
+    for seed in range(20):
+        noise = np.random.default_rng(seed).standard_normal((24 * n + 1000, 2))
+        data = np.asarray(lfilter([1.0], [1.0, -phi], noise, axis=0))[1000:]
+        recording = Recording(np.arange(24 * n) / rate, data, ("a", "b"), ("m/s²", "m/s²"))
+        seen = observe(recording, sensor, marks, steps)
+        ratio.append(seen.mean / np.sqrt(np.diagonal(seen.covariance, axis1=-2, axis2=-1)))
+    rms = float(np.sqrt(np.mean(np.square(ratio))))
+    print("scatter of means over their standard error", rms)
+    assert 0.95 < rms < most
