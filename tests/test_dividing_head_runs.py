@@ -1,5 +1,6 @@
 """Run files on a dividing head, from the file to the verdict; what is wrong is said in one line."""
 
+import shutil
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -420,6 +421,39 @@ def test_simulated_recordings_give_the_truth_as_well_as_stated(tmp_path: Path, k
         covariance = outcome.calibration.covariance[np.ix_(kept, kept)]
         found.append(float(error[kept] @ np.linalg.solve(covariance, error[kept])) / len(kept))
     assert np.mean(found) == pytest.approx(1, abs=4 * np.sqrt(2 / 10 / len(found)))
+
+
+def test_the_laboratory_s_table_gives_what_its_page_says(tmp_path: Path):
+    """Readings were made apart from the package, of this pair, with every error of the bench."""
+    folder = Path(shutil.copytree(EXAMPLE.parent, tmp_path / "lab"))
+    truth = {
+        "k0": (310, -240), "k1": (-180, 150), "k2": (12, -8), "k3": (4.2, -3.1), "kip": (-21, 17)
+    }  # fmt: skip
+    outcome = calibrate(folder / "lab.toml")
+    calibration = outcome.calibration
+    assert outcome.estimate.consistent
+    for term, both in truth.items():
+        for axis, value in zip("ab", both, strict=True):
+            name = f"{axis}.{term}"
+            error = calibration.value(name) - value * 1e-6 * SCALE[term]
+            assert abs(error) < 3 * calibration.uncertainty(name)
+            assert calibration.uncertainty(name) < 0.45e-6 * SCALE[term]
+    assert any("δ_b − δ_a, is -45.034 ± 0.077 ″" in line for line in outcome.verdict)
+    text = (folder / "lab.toml").read_text(encoding="utf-8")
+    (folder / "alone.toml").write_text(text[: text.index("[method.prior_from")], encoding="utf-8")
+    told = " ".join(calibrate(folder / "alone.toml").verdict)
+    page = (ROOT / "docs" / "how-to" / "dividing-head.md").read_text(encoding="utf-8")
+    (line,) = (block for block in page.split("```") if block.startswith("text\n· k1 + K3"))
+    assert " ".join(line.removeprefix("text\n· ").split()) in told
+
+
+def test_a_face_at_every_position_gains_what_the_page_says(tmp_path: Path):
+    stated: list[tuple[float, float]] = []
+    for kind in ("pairs", "every"):
+        change = ('autocollimation = "every"', f'autocollimation = "{kind}"')
+        known = calibrate(recorded(tmp_path, change)).calibration
+        stated.append((2e6 * known.uncertainty("a.k0") / G0, 2e6 * known.uncertainty("a.k1")))
+    assert stated == [pytest.approx((0.63, 33), rel=0.02), pytest.approx((0.35, 0.93), rel=0.02)]
 
 
 def test_positions_are_found_without_labels(tmp_path: Path):

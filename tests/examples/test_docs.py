@@ -27,6 +27,7 @@ SECTIONS: dict[str, type[BaseModel]] = {
     "[sensor.accelerometer] and [sensor.gyro]": schema.ReadoutSection,
     "[bench], by hand": schema.HandSection,
     "[bench], on a centrifuge": schema.CentrifugeSection,
+    "[bench], on a dividing head": schema.DividingHeadSection,
     "[data]": schema.DataSection,
     "[method]": schema.MethodSection,
 }
