@@ -1,0 +1,196 @@
+"""The simulated bench: a dividing head with two accelerometers at right angles, read many times.
+
+The bench makes the force (`benches.dividing_head.felt`), the sensor's model the readings. Every
+quantity that errs is drawn by its name: benches of other sizes meet the same draws.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import pi
+from typing import NamedTuple
+from zlib import crc32
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches.dividing_head import Collimated, DividingHead, Index, felt, mounted, positions
+from inercal.estimate import Estimate, Gaussian
+from inercal.motion import Motion
+from inercal.recording import Observations
+from inercal.sensors import G0
+from inercal.units import Measured
+
+Array = NDArray[np.float64]
+ARCSEC = pi / 648_000  # rad
+MICRO = 1e-6
+SENSOR = mounted().with_coefficients("k0", "k1", "k2", "k3", "kip", "delta_o")
+NOISE = 0.2e-6  # g, of each reading
+HEAD = 3.0  # ″ rms
+SHARES = (0.4, 0.3, 0.3)  # of the head's variance: one turn, half a turn, graduations
+AUTOCOLLIMATOR = 0.1  # ″, of each reading
+BASE, LEAN = 5.0, 20.0  # ″
+
+SIZES = {  # of the accelerometers' coefficients, 1σ in their natural units
+    "k0": 300e-6,
+    "k1": 200e-6,
+    "delta_o": 100 * ARCSEC,
+    "k2": 10e-6,
+    "k3": 5e-6,
+    "kip": 20e-6,
+}
+LARGE = SIZES | {"k0": 1e-3, "k1": 1e-3, "delta_o": 300 * ARCSEC}
+NATURAL = {"k0": G0, "k1": 1.0, "delta_o": 1.0, "k2": 1 / G0, "k3": 1 / G0**2, "kip": 1 / G0}
+COLUMNS = ("K0", "k1", "δ", "K2", "K3", "Kip", "k1 + K3")
+"""What is asked of an estimate, in µg (ppm, µrad); δ is the angle between both axes."""
+JUDGED = ("K0", "k1 + K3", "δ", "K2", "Kip")
+"""What the bench can tell without K3 from elsewhere."""
+
+
+def bench(head: float = HEAD, collimated: Collimated = "pairs") -> DividingHead:
+    """Return the bench with a head of so many arc seconds rms."""
+    first, second, rest = head * ARCSEC * np.sqrt(SHARES)
+    return DividingHead(
+        Measured(G0, 0.0),
+        (float(first), float(second)),
+        float(rest),
+        AUTOCOLLIMATOR * ARCSEC,
+        collimated,
+        base=BASE * ARCSEC,
+        lean=LEAN * ARCSEC,
+    )
+
+
+def draw(seed: int, name: str, shape: tuple[int, ...]) -> Array:
+    """Return standard normal numbers; a seed and a name give the same ones again."""
+    return np.random.default_rng([seed, crc32(name.encode())]).standard_normal(shape)
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """One bench, read in many trials.
+
+    Parameters
+    ----------
+    seen : Observations
+        (trials, r, 2), m/s².
+    bench : DividingHead
+        As the estimators are told.
+    steps : sequence of r Index
+    truth : mapping of str to (trials, 2) array
+        Coefficients of a and b by term, in natural units.
+    seed : int
+    """
+
+    seen: Observations
+    bench: DividingHead
+    steps: Sequence[Index]
+    truth: dict[str, Array]
+    seed: int
+
+    def made(self, term: str, sd: float) -> Gaussian:
+        """Return what is known of a coefficient by its make: about 0, sd in natural units."""
+        return self._prior(term, np.zeros(2), sd)
+
+    def measured(self, term: str, sd: float) -> Gaussian:
+        """Return what a test elsewhere, right to sd, tells of a coefficient."""
+        truth = self.truth[term]
+        return self._prior(term, truth + sd * draw(self.seed, f"{term} elsewhere", truth.shape), sd)
+
+    def _prior(self, term: str, mean: Array, sd: float) -> Gaussian:
+        unit = NATURAL[term]
+        return Gaussian.independent((f"a.{term}", f"b.{term}"), mean * unit, sd * unit)
+
+    @property
+    def true_values(self) -> Array:
+        """Coefficients in the order of the sensor's, (trials, 12) SI."""
+        return in_order(self.truth)
+
+
+def in_order(truth: dict[str, Array]) -> Array:
+    """Return coefficients by term, (..., 2) in natural units, as the sensor's, (..., 12) SI."""
+    columns: list[Array] = []
+    for name in SENSOR.coefficients:
+        axis, _, term = name.partition(".")
+        columns.append(NATURAL[term] * truth[term][..., "ab".index(axis)])
+    return np.stack(columns, axis=-1)
+
+
+def simulate(
+    drawn: DividingHead,
+    trials: int,
+    seed: int,
+    steps: Sequence[Index] | None = None,
+    *,
+    told: DividingHead | None = None,
+    sizes: dict[str, float] = SIZES,
+    noise: float = NOISE,
+) -> Case:
+    """Return readings of so many trials.
+
+    Parameters
+    ----------
+    drawn : DividingHead
+        The sizes of the bench's errors.
+    trials, seed : int
+    steps : sequence of Index, optional
+        By default twelve positions.
+    told : DividingHead, optional
+        As the estimators are told, where it differs.
+    sizes : dict of str to float
+        Of the coefficients.
+    noise : float
+        Of each reading, g; where there is none, estimators are told of the usual.
+    """
+    steps = positions(12) if steps is None else steps
+    r = len(steps)
+    truth = {term: size * draw(seed, term, (trials, 2)) for term, size in sizes.items()}
+    q = {
+        name: parameter.value + parameter.sd * draw(seed, name, (trials,))
+        for name, parameter in drawn.nuisances(steps).items()
+    }
+    exact = SENSOR.forward(Motion(felt(drawn, steps, q).f), in_order(truth))
+    each = [draw(seed, f"noise[{step.label}]", (trials, 2)) for step in steps]
+    sd = G0 * (noise or NOISE)
+    seen = Observations(
+        tuple(step.label for step in steps),
+        exact + noise * G0 * np.stack(each, axis=1),
+        np.broadcast_to(sd**2 * np.eye(2), (r, 2, 2)),
+        np.ones(r),
+        np.ones(r, dtype=np.int64),
+        np.arange(r, dtype=float),
+        SENSOR.channels,
+    )
+    return Case(seen, told or drawn, steps, truth, seed)
+
+
+def errors(found: Estimate, case: Case) -> dict[str, Array]:
+    """Return the errors by `COLUMNS`, (trials, 2) or (trials,) in µg."""
+    off: dict[str, Array] = {}
+    for term in SIZES:
+        value = found.select([f"{axis}.{term}" for axis in "ab"]).value / NATURAL[term]
+        off[term] = (value - case.truth[term]) / MICRO
+    delta = off["delta_o"][:, 1] - off["delta_o"][:, 0]
+    values = (off["k0"], off["k1"], delta, off["k2"], off["k3"], off["kip"], off["k1"] + off["k3"])
+    return dict(zip(COLUMNS, values, strict=True))
+
+
+class Rms(NamedTuple):
+    """A root of a mean square and its Monte Carlo error."""
+
+    value: float
+    u: float
+
+
+def rms(error: Array) -> Rms:
+    """Return the RMS of errors, (trials, ...), of which those of one trial may be correlated."""
+    square = np.mean(error.reshape(len(error), -1) ** 2, axis=1)
+    value = float(np.sqrt(square.mean()))
+    return Rms(value, float(square.std() / np.sqrt(len(square)) / (2 * value)) if value else 0.0)
+
+
+def ratio(error: Array, other: Array) -> Rms:
+    """Return the RMS of errors over that of others from the same draws, with its error."""
+    one, two = (np.mean(e.reshape(len(e), -1) ** 2, axis=1) for e in (error, other))
+    value = float(np.sqrt(one.mean() / two.mean()))
+    spread = (one / one.mean() - two / two.mean()).std()
+    return Rms(value, float(value * spread / 2 / np.sqrt(len(one))))
