@@ -1,4 +1,4 @@
-"""One run of the study of the centrifuge for all tests of it."""
+"""One run of each study for all tests of it."""
 
 import pytest
 
@@ -9,3 +9,15 @@ from inercal.studies import Study, reproduce
 def study() -> Study:
     """Return the study with few trials; what is judged there does not hang on their number."""
     return reproduce("centrifuge", trials=400, seed=1)
+
+
+@pytest.fixture(scope="session")
+def dual_orthogonal() -> Study:
+    """Return the other study, likewise."""
+    return reproduce("dual-orthogonal", trials=400, seed=1)
+
+
+@pytest.fixture(params=["study", "dual_orthogonal"])
+def each_study(request: pytest.FixtureRequest) -> Study:
+    """Return one study after the other."""
+    return request.getfixturevalue(request.param)

@@ -13,11 +13,11 @@ _COLOURS = {"reproduced": "green", "not reproducible": "yellow", "false": "red"}
 
 
 def run(
-    name: str = typer.Argument(help="The study; centrifuge."),
+    name: str = typer.Argument(help="The study: centrifuge or dual-orthogonal."),
     out: Path | None = typer.Option(
         None, "--out", "-o", help="Folder for the page; by default here, with --json none."
     ),
-    trials: int = typer.Option(4000, help="Monte Carlo trials of closed formulas."),
+    trials: int = typer.Option(4000, help="Monte Carlo trials; slow estimators take fewer."),
     seed: int = typer.Option(0, help="Seed of the noise."),
     json: bool = typer.Option(False, "--json", help="Print one JSON list of the claims."),
 ) -> None:

@@ -14,7 +14,10 @@ from inercal.io.atomic import atomic_write
 from inercal.studies.claim import Claim, Finding, judge
 from inercal.studies.section import Runner, Say, Study
 
-STUDIES: Mapping[str, str] = {"centrifuge": "inercal.studies.centrifuge"}
+STUDIES: Mapping[str, str] = {
+    "centrifuge": "inercal.studies.centrifuge",
+    "dual-orthogonal": "inercal.studies.dual_orthogonal",
+}
 """The studies by name, and the modules that run them."""
 TRIALS = 4000
 _FEWEST = 20
@@ -32,7 +35,7 @@ def reproduce(name: str, trials: int = TRIALS, seed: int = 0, say: Say = _unsaid
     name : str
         Of `STUDIES`.
     trials : int
-        Of the Monte Carlo runs of closed formulas; slower estimators take a share of it.
+        Of the Monte Carlo runs; slower estimators take a share of it.
     seed : int
     say : callable
         Told in words what is being computed.
