@@ -209,6 +209,12 @@ def test_what_level_and_autocollimator_read_is_taken_out(tmp_path: Path):
         zip(outcome.calibration.sensor.coefficients, table.error(outcome) / natural, strict=True)
     )
     assert max(abs(x) for x in off.values()) < 1e-12
+    # Formulas of the stated angles are told too: 300 times less of it is left.
+    patent = ('name = "dual_orthogonal"', 'name = "dual_orthogonal"\nestimator = "patent"')
+    known = 'prior."a.k3" = "0 ± 5 µg/g³"\nprior."b.k3" = "0 ± 5 µg/g³"\n'
+    by_formulas = calibrate(run_file(tmp_path, *told, patent, more=known))
+    k0 = [by_formulas.calibration.value(f"{axis}.k0") - table.true(f"{axis}.k0") for axis in "ab"]
+    assert max(map(abs, k0)) < 0.03e-6 * G0
     silent = calibrate(run_file(tmp_path, told[0], more=""))
     assert silent.estimate.chi2 > 100 * silent.estimate.dof
 

@@ -90,7 +90,8 @@ def patent(
         Cardinal positions that are missing, too few others, or K3 without a prior.
     """
     steady = by_angle.drifting(observations, bench, steps)
-    estimate = four.estimate(steady, sensor, bench, steps, priors)
+    there = by_angle.as_stated(steady, sensor, bench, steps)
+    estimate = four.estimate(there, sensor, bench, steps, priors)
     return replace(estimate, notes=(*together.notes(estimate, bench, priors), *estimate.notes))
 
 
