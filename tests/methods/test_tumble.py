@@ -9,9 +9,11 @@ import pytest
 from numpy.typing import NDArray
 from tests.accuracy.tumble import Device, Scale, amplitudes, bound
 
+from inercal.benches.dividing_head import DividingHead, mounted
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate, Gaussian
-from inercal.methods.tumble import Head, Position, fourier, least_squares, positions
+from inercal.methods.tumble import METHOD, fourier, least_squares
+from inercal.plan import Index
 from inercal.recording import Observations
 from inercal.sensors import G0, Sensor, single, triad
 from inercal.units import Measured
@@ -22,7 +24,7 @@ ARCSEC = pi / 648_000
 # 300 µg, 200 ppm, 100″, 10 µg/g², 20 µg/g², 5 µg/g³
 DEVICE = Device(3e-4, 2e-4, 100 * ARCSEC, 1e-5, 2e-5, 5e-6)
 G = 1.0007  # local gravity in g
-EXACT = Head(Measured(G * G0, 0.0))
+EXACT = DividingHead(Measured(G * G0, 0.0), collimated="none")
 NOISE = 2e-7  # g
 ESTIMATORS = [fourier, least_squares]
 SEEDS = [1, 2, 3]
@@ -33,11 +35,18 @@ def sensor(*terms: str) -> Sensor:
     return single().with_coefficients(*(terms or SIX))
 
 
-def angles(plan: Sequence[Position]) -> Array:
+def positions(n: int, start: float = 0.0, *, back: bool = False) -> tuple[Index, ...]:
+    """Return n evenly spaced positions from `start`, rad, and on wish the same ones back."""
+    there = [Index(f"p{k}", start + 2 * pi * k / n) for k in range(n)]
+    again = [Index(f"{step.label}_back", step.angle, -1) for step in reversed(there)]
+    return (*there, *again[: n * back])
+
+
+def angles(plan: Sequence[Index]) -> Array:
     return np.array([step.angle for step in plan])
 
 
-def seen(plan: Sequence[Position], reading: Array, sd: float = NOISE) -> Observations:
+def seen(plan: Sequence[Index], reading: Array, sd: float = NOISE) -> Observations:
     """Return readings in g, (..., r), as observations."""
     r = len(plan)
     return Observations(
@@ -75,11 +84,11 @@ def spread(found: Estimate, made: Sensor) -> Array:
 
 def run(
     estimator: Estimator,
-    plan: Sequence[Position],
+    plan: Sequence[Index],
     made: Sensor,
     device: Device = DEVICE,
     head: Scale | None = None,
-    bench: Head = EXACT,
+    bench: DividingHead = EXACT,
 ) -> Estimate:
     true = (head or Scale()).true(angles(plan))
     return estimator(seen(plan, device.reading(true, G)), made, bench, plan)
@@ -107,8 +116,59 @@ def test_formulas_and_least_squares_are_the_same_where_angles_are_exact():
     assert spread(one, made) == pytest.approx(spread(other, made), rel=1e-6, abs=1e-20)
 
 
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+@pytest.mark.parametrize("collimated", ["none", "every", "pairs"])
+def test_what_is_known_beyond_even_angles_is_taken_out(estimator: Estimator, collimated: str):
+    """By level, autocollimator and certificate; in pairs 180° and 270° follow 0° and 90°."""
+    assert collimated in ("none", "every", "pairs")
+    rng = np.random.default_rng(8)
+    made, faces = sensor(), 30 * ARCSEC * rng.standard_normal(12)
+    level, reading = 60 * ARCSEC * rng.standard_normal((2, 12))
+    plan = [
+        replace(step, level=level[k], reading=reading[k]) for k, step in enumerate(positions(12))
+    ]
+    beyond = {"none": np.zeros(12), "every": reading + faces, "pairs": np.zeros(12)}[collimated]
+    if collimated == "pairs":
+        for k in (6, 9):
+            beyond[k] = (reading + faces)[k] - (reading + faces)[k - 6]
+    bench = replace(EXACT, collimated=collimated, polygon=tuple(faces))
+    observed = seen(plan, DEVICE.reading(angles(plan) + level + beyond, G))
+    assert np.abs(error(estimator(observed, made, bench, plan), made)).max() < 1e-12
+    plain = estimator(observed, made, EXACT, positions(12))
+    assert np.abs(error(plain, made)).max() > 1e-5
+
+
+def test_formulas_move_no_reading_far():
+    far = [replace(step, level=0.02 * (k == 3)) for k, step in enumerate(positions(12))]
+    with pytest.raises(InputError, match=r"position p3 is known to stand 1\.15° .* least_squares"):
+        run(fourier, far, sensor())
+    near = [replace(step, level=0.009 * (-1) ** k) for k, step in enumerate(positions(12))]
+    true = angles(near) + [step.level for step in near]
+    found = fourier(seen(near, DEVICE.reading(true, G)), sensor(), EXACT, near)
+    assert np.abs(error(found, sensor())).max() < 1e-12
+
+
+def test_the_method_takes_an_axis_of_any_name():
+    plan = METHOD.plan(positions=12, reverse=True)
+    observed = seen(plan, DEVICE.reading(angles(plan), G))
+    for made in (single(), mounted(axes=("a",))):
+        wanted = METHOD.prepare(replace(made, form="reference"))
+        assert [name[2:] for name in wanted.coefficients] == [
+            "k0",
+            "k1",
+            "delta_o",
+            "k2",
+            "k3",
+            "kip",
+        ]
+        for name in METHOD.estimators:
+            given = replace(observed, channels=made.channels)
+            found = METHOD.estimator(name)(given, wanted, EXACT, plan)
+            assert np.abs(error(found, wanted)).max() < 1e-12
+
+
 def test_positions_anywhere_do_for_least_squares():
-    plan = [Position(f"p{k}", radians(a)) for k, a in enumerate((0, 20, 70, 110, 200, 230, 300))]
+    plan = [Index(f"p{k}", radians(a)) for k, a in enumerate((0, 20, 70, 110, 200, 230, 300))]
     made = sensor()
     assert np.abs(error(run(least_squares, plan, made), made)).max() < 1e-12
 
@@ -202,7 +262,7 @@ def test_harmonics_of_the_head_do_what_the_docstring_says(
     head = Scale(**{phase: {h: size}})
     made, plan = sensor(), positions(12)
     reading = Device().reading(head.true(angles(plan)))
-    found = estimator(seen(plan, reading), made, Head(Measured(G0, 0.0)), plan)
+    found = estimator(seen(plan, reading), made, replace(EXACT, gravity=Measured(G0, 0.0)), plan)
     expected = np.array([does.get(name[2:], 0.0) * size for name in made.coefficients])
     assert error(found, made, Device()) == pytest.approx(expected, abs=5e-12)  # 2nd order: 1e-12
     if estimator is least_squares:
@@ -220,11 +280,12 @@ def test_a_head_error_of_high_order_folds_onto_a_low_one():
 
 # What is stated
 
-DRAWN = Head(
+DRAWN = DividingHead(
     Measured(G * G0, 3e-6 * G0),
-    angle=1.0 * ARCSEC,
-    zero=3 * ARCSEC,
     harmonics=(0.5 * ARCSEC, 0.8 * ARCSEC, 0.0, 0.3 * ARCSEC),
+    collimated="none",
+    pier=1.0 * ARCSEC,
+    base=3 * ARCSEC,
 )
 
 
@@ -268,21 +329,54 @@ def test_fourier_scatters_as_it_states(seed: int):
     assert np.all(ratio < 1.5)
 
 
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_graduations_and_drift_are_in_what_is_stated(estimator: Estimator, seed: int):
+    rng, trials = np.random.default_rng([seed, 73]), 200
+    bench = replace(DRAWN, division=2 * ARCSEC, drift=2e-6 * G0)
+    made, plan = sensor(), positions(8, back=True)
+    readings = drawn(rng, trials, plan, DEVICE, bench)
+    found = [estimator(seen(plan, reading), made, bench, plan) for reading in readings]
+    off = np.array([error(one, made) for one in found])
+    assert_consistent(off, np.array([spread(one, made) for one in found]))
+    less = replace(DRAWN, division=0.0)
+    silent = [estimator(seen(plan, reading), made, less, plan) for reading in readings[:50]]
+    off = np.array([error(one, made) for one in silent])
+    solved = np.linalg.solve([spread(one, made) for one in silent], off[..., None])[..., 0]
+    assert np.mean(np.sum(off * solved, axis=-1)) / 6 > 1.5
+
+
 def drawn(
-    rng: np.random.Generator, trials: int, plan: Sequence[Position], device: Device, bench: Head
+    rng: np.random.Generator,
+    trials: int,
+    plan: Sequence[Index],
+    device: Device,
+    bench: DividingHead,
 ) -> Array:
-    """Return readings in g, (trials, r): noise, angles, harmonics, zero and gravity are drawn."""
+    """Return readings in g, (trials, r): noise, drift, angles and gravity are drawn."""
     shape = (trials, len(plan))
-    zero = bench.zero * rng.standard_normal((trials, 1))
-    true = angles(plan) + zero + bench.angle * rng.standard_normal(shape)
+    zero = bench.base * rng.standard_normal((trials, 1))
+    true = angles(plan) + zero + bench.pier * rng.standard_normal(shape)
     for h, sd in enumerate(bench.harmonics, start=1):
         sine, cosine = sd * rng.standard_normal((2, trials, 1))
         true = true + sine * np.sin(h * angles(plan)) + cosine * np.cos(h * angles(plan))
     gravity = G + bench.gravity.sd / G0 * rng.standard_normal((trials, 1))
-    return device.reading(true, gravity) + NOISE * rng.standard_normal(shape)
+    noise = NOISE * rng.standard_normal(shape)
+    # Nothing that is not declared is drawn, so that seeds stay what they were.
+    if bench.division:
+        _, graduation = np.unique(np.round(angles(plan), 9), return_inverse=True)
+        true = true + bench.division * rng.standard_normal((trials, len(plan)))[:, graduation]
+    if bench.drift:
+        # Forth and back: each pass has its own rate.
+        half = len(plan) // 2
+        row = np.arange(len(plan)) / half
+        drift = np.stack([np.minimum(row, 1), np.maximum(row - 1, 0)])
+        rates = bench.drift / G0 * rng.standard_normal((trials, 2))
+        noise = noise + rates @ (drift - drift.mean(axis=1, keepdims=True))
+    return device.reading(true, gravity) + noise
 
 
-def lowest(plan: Sequence[Position], device: Device, made: Sensor, bench: Head) -> Array:
+def lowest(plan: Sequence[Index], device: Device, made: Sensor, bench: DividingHead) -> Array:
     """Return the Cramér-Rao bound of the coefficients, in g, by differences of the generator."""
     names = ["delta" if name == "i.delta_o" else name[2:] for name in made.coefficients]
     theta, h = angles(plan), 1e-5
@@ -296,8 +390,8 @@ def lowest(plan: Sequence[Position], device: Device, made: Sensor, bench: Head) 
 
     by_angle = (device.reading(theta + h, G) - device.reading(theta - h, G)) / (2 * h)
     by_gravity = (device.reading(theta, G + h) - device.reading(theta, G - h)) / (2 * h)
-    covariance = NOISE**2 * np.eye(len(plan)) + np.diag((bench.angle * by_angle) ** 2)
-    sources = [bench.zero * by_angle]
+    covariance = NOISE**2 * np.eye(len(plan)) + np.diag((bench.pier * by_angle) ** 2)
+    sources = [bench.base * by_angle]
     for order, sd in enumerate(bench.harmonics, start=1):
         sources += [sd * np.sin(order * theta) * by_angle, sd * np.cos(order * theta) * by_angle]
     covariance += sum(np.outer(source, source) for source in sources)
@@ -318,7 +412,8 @@ def test_a_head_of_three_arcseconds_makes_of_a_single_accelerometer_what_the_met
     """Worked out apart from this project; 3″, harmonic shares .4 and .3 of variance, .3 white."""
     rng, trials, size = np.random.default_rng(5), 4000, 3 * ARCSEC
     # A sine of amplitude a has variance a²/2, and there is a cosine beside it.
-    bench = Head(EXACT.gravity, size * np.sqrt(0.3), 0.0, (size * 0.4**0.5, size * 0.3**0.5))
+    waves = (size * 0.4**0.5, size * 0.3**0.5)
+    bench = DividingHead(EXACT.gravity, waves, collimated="none", pier=size * np.sqrt(0.3))
     made, plan = sensor(), positions(12)
     readings = drawn(rng, trials, plan, DEVICE, bench)
     errors = error(least_squares(seen(plan, readings), made, EXACT, plan), made)
@@ -335,7 +430,7 @@ def test_a_head_of_three_arcseconds_makes_of_a_single_accelerometer_what_the_met
 
 
 def test_gravity_is_in_the_uncertainty_of_the_scale_factor_alone():
-    bench = Head(Measured(G * G0, 1e-5 * G0))
+    bench = replace(EXACT, gravity=Measured(G * G0, 1e-5 * G0))
     made, plan = sensor(), positions(12)
     for estimator in ESTIMATORS:
         with_g, without = (
@@ -408,7 +503,7 @@ def test_uneven_positions_are_refused_where_formulas_need_even_ones():
     gone = [p for p in plan if p.label != "p3"]
     for some, words in (
         (gone, "after 60° the next is 60° away, where 11 positions would be 32.7273° apart"),
-        ([*plan, Position("again", 2 * pi)], "0° was visited 2 times, 30° 1 times"),
+        ([*plan, Index("again", 2 * pi)], "0° was visited 2 times, 30° 1 times"),
     ):
         with pytest.raises(InputError, match=words):
             run(fourier, some, sensor())
@@ -418,7 +513,7 @@ def test_uneven_positions_are_refused_where_formulas_need_even_ones():
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 def test_what_cannot_be_used_is_refused_in_one_line(estimator: Estimator):
     plan = positions(12)
-    for some in (plan[:3], (*plan[:3], Position("p0_again", 0.0))):
+    for some in (plan[:3], (*plan[:3], Index("p0_again", 0.0))):
         with pytest.raises(InputError, match="3 different positions; a tumble test needs 4"):
             run(estimator, some, sensor())
     for made in (triad().with_coefficients("k0"), single(measures="w").with_coefficients("bias")):
@@ -430,10 +525,18 @@ def test_what_cannot_be_used_is_refused_in_one_line(estimator: Estimator):
         run(estimator, plan, single())
     with pytest.raises(InputError, match="two positions have one label"):
         run(estimator, (*plan, plan[0]), sensor())
+    across = replace(mounted(), axes=mounted().axes[1:]).with_coefficients("k0")
+    with pytest.raises(InputError, match="on the head they are x and y"):
+        run(estimator, plan, across)
     with pytest.raises(InputError, match="a reading is stated without noise"):
         estimator(seen(plan, DEVICE.reading(angles(plan)), 0.0), sensor(), EXACT, plan)
-    with pytest.raises(InputError, match="row 'p11' is no position"):
-        estimator(seen(plan, np.zeros(12)), sensor(), EXACT, plan[:11])
+    for steps, words in (
+        (plan[:11], "row p11 has step None"),
+        ((*plan, Index("more", 0.0)), "row None has step more"),
+        ((plan[1], plan[0], *plan[2:]), "row p0 has step p1; give the step of each row, in order"),
+    ):
+        with pytest.raises(InputError, match=words):
+            estimator(seen(plan, np.zeros(12)), sensor(), EXACT, steps)
 
 
 def test_formulas_refuse_what_they_do_not_hold():
@@ -450,19 +553,19 @@ def test_formulas_refuse_what_they_do_not_hold():
         fourier(seen(plan, reading), sensor("k0", "koq"), EXACT, plan)
 
 
-def test_a_bench_that_cannot_be_is_refused():
-    with pytest.raises(InputError, match="gravity is 0"):
-        Head(Measured(0.0, 0.0))
-    with pytest.raises(InputError, match="deviation of angle is -1"):
-        Head(Measured(G0, 0.0), angle=-1.0)
+def test_plans_and_positions_that_cannot_be_are_refused():
+    with pytest.raises(InputError, match="3 positions; a tumble needs 4 or more"):
+        METHOD.plan(positions=3)
     with pytest.raises(InputError, match="position p0: its angle is inf"):
-        Position("p0", float("inf"))
+        Index("p0", float("inf"))
+    with pytest.raises(InputError, match="gravity is 0"):
+        replace(EXACT, gravity=Measured(0.0, 0.0))
+    with pytest.raises(InputError, match="deviation of pier is -1"):
+        replace(EXACT, pier=-1.0)
     with pytest.raises(InputError, match="deviation of harmonic 2 is nan"):
-        Head(Measured(G0, 0.0), harmonics=(0.0, float("nan")))
-    with pytest.raises(InputError, match="3 positions; a tumble test needs 4 or more"):
-        positions(3)
+        replace(EXACT, harmonics=(0.0, float("nan")))
 
 
-def test_positions_say_what_to_do():
-    assert [p.in_words() for p in positions(4)][1] == "spindle at 90°"
-    assert [p.label for p in positions(4, back=True)][-2:] == ["p1_back", "p0_back"]
+def test_a_plan_says_what_to_do_forth_and_back():
+    assert METHOD.plan(positions=4)[1].in_words() == "head at 90°, forward"
+    assert [p.label for p in METHOD.plan(positions=4)][-2:] == ["r02", "r01"]

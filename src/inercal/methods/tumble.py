@@ -33,8 +33,7 @@ g c ε to the reading (that is by products of sines and cosines)::
 
 Higher ones do nothing until n positions fold harmonic h ± 1 onto a lower one. None of the first
 four lines shows in the residuals. A white error σ adds (σ dy/dθ)² to the variance of a reading,
-nearly (σ g c)², and harmonics of stated deviation add covariance between rows. What angles do to
-second order, k₁ by −σ²/2, is left out: 1e-10 at 3″.
+nearly (σ g c)². What angles do to second order, k₁ by −σ²/2, is left out: 1e-10 at 3″.
 
 The reference form is linear in its coefficients, and `fourier` and `least_squares` are exact for
 it. A sensor whose case is turned by δ reads sin(θ + δ): in the reference form k₁ then is off by
@@ -46,62 +45,66 @@ Source: IEEE Std 1293, static multipoint (tumble) test.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import zip_longest
 
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.benches.dividing_head import DividingHead, felt
 from inercal.errors import InputError, NotObserved
-from inercal.estimate import Estimate, Gaussian, Problem
+from inercal.estimate import Estimate, Gaussian
 from inercal.estimate import least_squares as solve
+from inercal.methods import by_angle
 from inercal.methods import tumble_harmonics as harmonics
-from inercal.methods.observed import in_natural_words, require_observed
-from inercal.methods.tumble_head import FEWEST, Head, Position, felt_at, positions
+from inercal.methods._base import Method
+from inercal.methods.observed import require_observed
 from inercal.motion import Motion
-from inercal.observe import vector
+from inercal.plan import Index
 from inercal.recording import Observations
 from inercal.sensors import G0, Sensor
 from inercal.uncertainty import propagate
-from inercal.units import Measured
 
-__all__ = ["Head", "Position", "fourier", "least_squares", "positions"]
 Array = NDArray[np.float64]
+_NEAR = 0.01  # rad; what `fourier` moves readings by to even angles, at most
+_MOVES = 6  # each leaves `_NEAR` of what the one before left, at most
+_ROUNDED = 1e-12  # of g
 
 
 def least_squares(
     observations: Observations,
     sensor: Sensor,
-    bench: Head,
-    steps: Sequence[Position],
+    bench: DividingHead,
+    steps: Sequence[Index],
     priors: Sequence[Gaussian] = (),
 ) -> Estimate:
     """Return the estimate by the sensor's exact model, in either form, at any positions.
 
-    Gravity and the head's zero are nuisances `g` and `zero` with their deviations as priors where
-    they have one; the errors of angles, white and harmonic, are carried into the noise by dy/dθ.
+    What the bench states of gravity, angles and drift are nuisances with priors.
 
     Parameters
     ----------
     observations : Observations
-        One row a position, (..., r, 1) in SI; labels name steps.
+        One row a position, (..., r, 1) in SI.
     sensor : Sensor
-        One accelerometer with the coefficients that are wanted.
-    bench : Head
-    steps : sequence of Position
-        The plan; steps without a row were not carried out.
+        One accelerometer along x with P along y, and the coefficients that are wanted.
+    bench : DividingHead
+    steps : sequence of r Index
+        Of the rows.
     priors : sequence of Gaussian
         On coefficients, from elsewhere.
 
     Raises
     ------
     InputError
-        Several axes or a gyro, readings of another axis, no coefficient, fewer than four different
-        positions, two steps of one label, a row that is no step, or one without noise.
+        Several axes, a gyro or an axis along another direction, readings of another axis, no
+        coefficient, fewer than four different positions, steps that are not those of the rows, two
+        of one label, or a row without noise.
     NotObserved
         Coefficients that these positions leave open, by name, and the harmonics that fold.
     """
     angle = _angles(observations, sensor, steps)
     try:
-        estimate = solve(_problem(observations, sensor, bench, angle, priors))
+        estimate = solve(by_angle.problem(observations, sensor, bench, steps, priors))
         require_observed(estimate, sensor, missing=())
     except NotObserved as error:
         raise harmonics.refusal(sensor, error.directions, angle, "give a prior") from None
@@ -111,22 +114,23 @@ def least_squares(
 def fourier(
     observations: Observations,
     sensor: Sensor,
-    bench: Head,
-    steps: Sequence[Position],
+    bench: DividingHead,
+    steps: Sequence[Index],
     priors: Sequence[Gaussian] = (),
 ) -> Estimate:
     """Return k0, k1, delta_o, k2, kip and k3, as chosen, by closed formulas from harmonics.
 
     All readings weigh alike, also those near the level, where errors of the angle act most: a white
-    one can cost k2 a factor √2 against `least_squares`. Noise, angles, zero and gravity are
-    propagated. Coefficients that are not chosen are taken as zero. Arguments as of
-    `least_squares`, of one recording, without priors.
+    one can cost k2 a factor √2 against `least_squares`. Noise, drift, angles and gravity are
+    propagated. Where level, autocollimator or certificate tell of an angle beyond the even one,
+    the reading is moved there along the curve that is found. Coefficients that are not chosen are
+    taken as zero. Arguments as of `least_squares`, of one recording, without priors.
 
     Raises
     ------
     InputError
-        As of `least_squares`; positions that are not evenly spaced and equally often visited;
-        priors, the tilted form, other coefficients, or a trial axis.
+        As of `least_squares`; positions that are not evenly spaced and equally often visited, or
+        known to stand far from there; priors, the tilted form, or other coefficients.
     NotObserved
         Coefficients whose harmonics fold, by name, and which harmonic folds onto which.
     """
@@ -146,7 +150,7 @@ def fourier(
         raise InputError("estimator fourier finds the reference form; tilted takes least_squares")
     harmonics.require_even(angle)
     matrix = harmonics.basis(angle, harmonics.columns(terms))
-    _require_apart(sensor, terms, matrix, angle)
+    harmonics.require_apart(sensor, terms, matrix, angle)
     sums = matrix / np.sum(matrix**2, axis=0)
 
     def formulas(x: Array) -> Array:
@@ -157,13 +161,25 @@ def fourier(
             found.append(to_term @ (row[:-1] @ sums) + add)
         return np.stack(found).reshape(*x.shape[:-1], len(terms))
 
+    made, even = felt(bench, steps, {}), _even(bench, steps)
     x = np.append(observations.mean[:, 0], bench.gravity.value)
     value = formulas(x)
-    f, _, by_angle = felt_at(sensor, angle, np.array(bench.gravity.value), np.zeros(()))
-    slope = (sensor.slope(Motion(f), value)[:, 0, :3] * by_angle).sum(axis=-1)
+    if np.abs(made.f - even).max() > _ROUNDED * G0:
+        for _ in range(_MOVES):
+            there, here = (sensor.linearise(Motion(f), value)[0][:, 0] for f in (made.f, even))
+            x[:-1] = observations.mean[:, 0] - (there - here)
+            value = formulas(x)
+    slope = sensor.slope(Motion(made.f), value)[:, 0, :3]
+    of_angles = np.array(
+        [
+            q.sd * (slope * made.by[name]).sum(axis=-1)
+            for name, q in bench.nuisances(steps).items()
+            if name != "g"
+        ]
+    )
     spread = np.zeros((len(x), len(x)))
-    turned = bench.of_angles(angle) + bench.zero**2
-    spread[:-1, :-1] = observations.full_covariance + turned * np.outer(slope, slope)
+    noise = by_angle.drifting(observations, bench, steps).full_covariance
+    spread[:-1, :-1] = noise + of_angles.T @ of_angles
     spread[-1, -1] = bench.gravity.sd**2
     value, covariance = propagate(formulas, x, spread)
     variance = np.linalg.eigvalsh(covariance / np.outer(sensor.natural, sensor.natural))
@@ -172,95 +188,66 @@ def fourier(
     return replace(estimate, notes=harmonics.notes(angle))
 
 
-def _angles(observations: Observations, sensor: Sensor, steps: Sequence[Position]) -> Array:
+def _even(bench: DividingHead, steps: Sequence[Index]) -> Array:
+    """Return what is felt at the even angles, whatever is known beyond them, (r, 3) m/s².
+
+    Raises
+    ------
+    InputError
+        A position known to stand far from its even angle.
+    """
+    plain = [replace(step, level=0.0, reading=0.0) for step in steps]
+    even = felt(DividingHead(bench.gravity), plain, {}).f
+    away = np.linalg.norm(felt(bench, steps, {}).f - even, axis=-1) / bench.gravity.value
+    worst = int(np.argmax(away))
+    if away[worst] > _NEAR:
+        raise InputError(
+            f"position {steps[worst].label} is known to stand {np.degrees(away[worst]):.3g}° from "
+            "its even angle, too far for estimator fourier; use least_squares"
+        )
+    return even
+
+
+def _angles(observations: Observations, sensor: Sensor, steps: Sequence[Index]) -> Array:
     """Return the nominal angle of each row, (r,) rad, of observations that can be used."""
     if len(sensor.axes) != 1 or sensor.axes[0].measures != "f":
         raise InputError(
             f"a tumble test takes one accelerometer; sensor {sensor.name} has "
             f"{', '.join(f'{a.name} ({a.measures})' for a in sensor.axes)}"
         )
+    axis = sensor.axes[0]
+    if not np.allclose((axis.i, axis.p), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))):
+        raise InputError(
+            f"axis {axis.name} has I along {axis.i}, P along {axis.p}; on the head they are x and y"
+        )
     if observations.channels != sensor.channels:
         raise InputError(
-            f"readings are of {', '.join(observations.channels)}, the sensor's axis is "
-            f"{sensor.axes[0].name}"
+            f"readings are of {', '.join(observations.channels)}, the sensor's axis is {axis.name}"
         )
     if not sensor.coefficients:
         raise InputError(f"sensor {sensor.name} has no coefficients to find; choose some")
-    by_label = {step.label: step.angle for step in steps}
-    if len(by_label) < len(steps):
+    labels = tuple(step.label for step in steps)
+    if len(set(labels)) < len(labels):
         raise InputError("two positions have one label; give each its own")
-    strange = [label for label in observations.labels if label not in by_label]
-    if strange:
-        raise InputError(f"row {strange[0]!r} is no position; there are {', '.join(by_label)}")
+    if labels != observations.labels:
+        pairs = zip_longest(observations.labels, labels)
+        row, step = next(pair for pair in pairs if pair[0] != pair[1])
+        raise InputError(f"row {row} has step {step}; give the step of each row, in order")
     if not (observations.covariance > 0).all():
         raise InputError("a reading is stated without noise; give all of them their variance")
-    angle = np.array([by_label[label] for label in observations.labels])
+    angle = np.array([step.angle for step in steps])
     n = len(harmonics.distinct(angle)[0]) if len(angle) else 0
-    if n < FEWEST:
-        raise InputError(f"{n} different positions; a tumble test needs {FEWEST} or more")
+    if n < by_angle.FEWEST:
+        raise InputError(f"{n} different positions; a tumble test needs {by_angle.FEWEST} or more")
     return angle
 
 
-def _problem(
-    observations: Observations,
-    sensor: Sensor,
-    bench: Head,
-    angle: Array,
-    priors: Sequence[Gaussian],
-) -> Problem:
-    p = len(sensor.coefficients)
-    declared = {"g": bench.gravity, "zero": Measured(0.0, bench.zero)}
-    loose = {name: q for name, q in declared.items() if q.sd > 0}
-    natural = {"g": G0, "zero": 1.0}
-    base, turned = observations.full_covariance, bench.of_angles(angle)
-
-    def felt(x: Array) -> tuple[Array, Array, Array]:
-        q = {name: np.array(known.value) for name, known in declared.items()}
-        q |= {name: x[..., p + k] for k, name in enumerate(loose)}
-        return felt_at(sensor, angle, q["g"], q["zero"])
-
-    def linearise(x: Array) -> tuple[Array, Array]:
-        f, by_g, by_angle = felt(x)
-        by = {"g": by_g, "zero": by_angle}
-        shape = np.broadcast_shapes(f.shape, by_g.shape)
-        df = np.zeros((*shape, len(loose)))
-        for k, name in enumerate(loose):
-            df[..., k] = by[name]
-        return vector(sensor, observations.mean, x[..., :p], Motion(f), df, None)
-
-    def noise(x: Array) -> Array:
-        f, _, by_angle = felt(x)
-        slope = (sensor.slope(Motion(f), x[..., :p])[..., 0, :3] * by_angle).sum(axis=-1)
-        return base + turned * slope[..., :, None] * slope[..., None, :]
-
-    start = np.concatenate([np.zeros(p), [q.value for q in loose.values()]])
-    sd = np.sqrt(np.diagonal(noise(start), axis1=-2, axis2=-1))
-    known = [Gaussian.independent((name,), np.array([q.value]), q.sd) for name, q in loose.items()]
-    return Problem(
-        names=(*sensor.coefficients, *loose),
-        start=start,
-        linearise=linearise,
-        noise=noise if turned.any() else base,
-        scale=np.concatenate([sensor.natural, [natural[name] for name in loose]]),
-        priors=(*known, *priors),
-        wanted=sensor.coefficients,
-        observations=observations.labels,
-        # A reading of 1 g is rounded at a larger part of its noise the better that is.
-        rounding=float(np.max(np.abs(observations.mean[..., 0]) / sd)) * 2.0**-50,
-    )
-
-
-def _require_apart(sensor: Sensor, terms: Sequence[str], matrix: Array, angle: Array) -> None:
-    """Refuse terms whose harmonics, columns of `matrix`, fold onto one another."""
-    lost = harmonics.mixed(matrix)
-    if not lost.any():
-        return
-    to_term, _ = harmonics.by_term(terms, G0)
-    touched = (to_term[:, lost] != 0).any(axis=1)
-    names = [name for name, hit in zip(sensor.coefficients, touched, strict=True) if hit]
-    f, _, _ = felt_at(sensor, angle, np.array(G0), np.zeros(()))
-    design = sensor.design(Motion(f), np.zeros(len(terms)))[:, 0] * sensor.natural
-    _, size, right = np.linalg.svd(design)
-    free = right[int(np.sum(size > 1e-9 * size[0])) :]
-    directions = [in_natural_words(row, sensor.coefficients) for row in free]
-    raise harmonics.refusal(sensor, directions, angle, "use least_squares with a prior", names)
+METHOD = Method(
+    name="tumble",
+    bench=DividingHead,
+    finds={"f": harmonics.TERMS},
+    needs=("f",),
+    plan=by_angle.plan,
+    estimators={"least_squares": least_squares, "fourier": fourier},
+    source="IEEE Std 1293, static multipoint (tumble) test",
+)

@@ -17,7 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.errors import InputError, NotObserved
-from inercal.sensors import Sensor
+from inercal.methods.observed import in_natural_words
+from inercal.motion import Motion
+from inercal.sensors import G0, Sensor
 
 Array = NDArray[np.float64]
 TERMS = ("k0", "k1", "delta_o", "k2", "kip", "k3")
@@ -140,6 +142,28 @@ def folds(angle: Array) -> tuple[str, ...]:
             lost = f"its {'sine' if sine < cosine else 'cosine'} is not seen"
         found.append(f"harmonic {h} folds onto itself: {lost}")
     return tuple(found)
+
+
+def require_apart(sensor: Sensor, terms: Sequence[str], matrix: Array, angle: Array) -> None:
+    """Refuse terms whose harmonics, columns of `matrix`, fold onto one another.
+
+    Raises
+    ------
+    NotObserved
+        As of `refusal`.
+    """
+    lost = mixed(matrix)
+    if not lost.any():
+        return
+    to_term, _ = by_term(terms, G0)
+    touched = (to_term[:, lost] != 0).any(axis=1)
+    names = [name for name, hit in zip(sensor.coefficients, touched, strict=True) if hit]
+    f = G0 * np.stack([np.sin(angle), np.cos(angle), np.zeros_like(angle)], axis=-1)
+    design = sensor.design(Motion(f), np.zeros(len(terms)))[:, 0] * sensor.natural
+    _, size, right = np.linalg.svd(design)
+    free = right[int(np.sum(size > 1e-9 * size[0])) :]
+    directions = [in_natural_words(row, sensor.coefficients) for row in free]
+    raise refusal(sensor, directions, angle, "use least_squares with a prior", names)
 
 
 def refusal(
