@@ -4,8 +4,12 @@ Readings in g, angles in rad. Accelerometer A is level at 0° and up at 90°, B 
 
     y = K0 + (1 + k1) a + K2 a² + K3 a³ + Kip a p,   a = sin(ψ + δ) cos λ, p = cos(ψ + δ) cos λ
 
-at the true angle ψ of the position, for B at ψ + 90°; λ is the spindle's lean. The common zero of
-the angle (base tilt) is off by a constant.
+at the true angle ψ of the position, for B at ψ + 90°; λ is the spindle's lean, and a and p are
+larger where gravity is. The common zero of the angle (base tilt) is off by a constant.
+
+Graduations and polygon faces err alike in both passes; the autocollimator, the pier and the noise
+anew at each row. Biases and the base go by rates of their own in each pass; the truth is the mean
+of the run.
 """
 
 from dataclasses import dataclass, field
@@ -39,7 +43,14 @@ class Bench:
     base: float = 5.0
     cross: float = 20.0
     noise: float = 0.2e-6
-    drift: float = 0.0  # g per pass, linear in the pass
+    drift: float = 0.0  # g per pass, the same in all passes and accelerometers
+    drifting: float = 0.0  # g per pass, drawn for each pass and accelerometer
+    third: float = 0.0  # of the head's third harmonic
+    polygon: tuple[float, ...] = ()  # certified deviation of the face of each position
+    certificate: float = 0.0
+    pier: float = 0.0
+    creep: float = 0.0  # per pass, drawn for each
+    gravity: float = 0.0  # relative
     sizes: dict[str, float] = field(default_factory=lambda: dict(SIZES))
 
 
@@ -49,13 +60,22 @@ def angles(n: int, *, reverse: bool = False) -> Array:
     return np.concatenate([forward, forward[::-1]]) if reverse else forward
 
 
-def readings(truth: dict[str, Array], psi: Array, lean: Array) -> Array:
+def ramps(rows: int, n: int) -> Array:
+    """Return what a drift of one in each pass of n rows has made, (passes, rows), less its mean."""
+    made = np.clip(np.arange(rows) / n - np.arange(rows // n)[:, None], 0, 1)
+    return made - made.mean(axis=1, keepdims=True)
+
+
+def readings(
+    truth: dict[str, Array], psi: Array, lean: Array, gravity: Array | float = 1.0
+) -> Array:
     """Return noise-free readings, (..., r, 2) in g, at true angles (..., r)."""
     found = np.empty((*np.broadcast_shapes(psi.shape, truth["k0"][..., :1].shape), 2))
     for k in range(2):
         c = {name: truth[name][..., k, None] for name in TERMS}
         at = psi + k * pi / 2 + c["delta"]
-        a, p = np.sin(at) * np.cos(lean)[..., None], np.cos(at) * np.cos(lean)[..., None]
+        held = (gravity * np.cos(lean))[..., None]
+        a, p = np.sin(at) * held, np.cos(at) * held
         found[..., k] = (
             c["k0"] + (1 + c["k1"]) * a + c["k2"] * a**2 + c["k3"] * a**3 + c["kip"] * a * p
         )
@@ -79,12 +99,27 @@ def draw(
     collimated = bench.collimator * rng.standard_normal((trials, len(theta)))
     base, lean = ARCSEC * np.array([[bench.base], [bench.cross]]) * rng.standard_normal((2, trials))
     noise = bench.noise * rng.standard_normal((trials, len(theta), 2))
+    # What came later has draws of its own, so that those above stay what they were.
+    later = np.random.default_rng([seed, 1293])
+    third = bench.third * later.standard_normal((trials, 2, 1))
+    face = bench.certificate * later.standard_normal((trials, n))
+    face = face + (bench.polygon if bench.polygon else 0.0)
+    if reverse:
+        face = np.concatenate([face, face[:, ::-1]], axis=1)
+    pier = bench.pier * later.standard_normal((trials, len(theta)))
+    going = ramps(len(theta), n)
+    creep = bench.creep * later.standard_normal((trials, len(going))) @ going
+    rates = bench.drifting * later.standard_normal((trials, 2, len(going))) + bench.drift
+    gravity = 1 + bench.gravity * later.standard_normal(trials)
     first, second, rest = bench.head * np.sqrt(bench.shares)
     head = (
         first * (amplitude[:, :1] * np.sin(theta) + amplitude[:, 1:2] * np.cos(theta))
         + second * (amplitude[:, 2:3] * np.sin(2 * theta) + amplitude[:, 3:] * np.cos(2 * theta))
+        + third[:, 0] * np.sin(3 * theta)
+        + third[:, 1] * np.cos(3 * theta)
         + rest * white
     )
+    collimated = collimated + face
     if bench.collimated == "every":
         head = collimated
     elif bench.collimated == "pairs":
@@ -96,7 +131,6 @@ def draw(
                 )
                 # Both members are read on the autocollimator: their difference has both errors.
                 head[:, other] = head[:, one] + collimated[:, other] - collimated[:, one]
-    y = readings(truth, theta + ARCSEC * head + base[:, None], lean)
-    # The truth is that of the middle of the run.
-    time = (np.arange(len(theta)) - (len(theta) - 1) / 2) / n
-    return theta, truth, y + noise + bench.drift * time[:, None]
+    psi = theta + ARCSEC * (head + pier + creep) + base[:, None]
+    drift = np.swapaxes(rates @ going, -1, -2)
+    return theta, truth, readings(truth, psi, lean, gravity) + noise + drift

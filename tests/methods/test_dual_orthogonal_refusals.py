@@ -1,0 +1,64 @@
+"""What `dual_orthogonal` refuses: what is not seen, and what does not fit."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.accuracy.dividing_head import LARGE, Bench
+from tests.methods.dual_orthogonal_cases import SENSOR, case, known, nominal, observed
+
+from inercal.benches.dividing_head import DividingHead, mounted
+from inercal.errors import InputError, NotObserved
+from inercal.estimate import Gaussian
+from inercal.methods.dual_orthogonal import dual, joint, patent
+from inercal.sensors import G0, Sensor, pair
+from inercal.units import Measured
+
+
+def test_dual_names_what_it_does_not_see():
+    y, steps = nominal()
+    seen, bench = observed(y / G0, steps), DividingHead(Measured(G0, 0.0))
+    with pytest.raises(NotObserved, match="k1 against K3") as refusal:
+        dual(seen, SENSOR, bench, steps)
+    assert len(refusal.value.directions) == 3
+    assert refusal.value.directions[0].startswith("harmonic 1 of A: a.k0 − a.k2 + b.kip")
+    assert refusal.value.directions[1].startswith("harmonic 1 of B: a.kip − b.k0 + b.k2")
+    assert refusal.value.directions[2].startswith("k1 against K3: a.k1 − a.k3 − b.k1 + b.k3")
+
+
+def test_readings_with_errors_are_judged_as_the_nominal_sensor():
+    given = case(1, 5, Bench(collimated="none", sizes=LARGE))
+    kip, k3 = known(given, "kip", 20), known(given, "k3", 5)
+    with pytest.raises(NotObserved) as refusal:
+        dual(given.seen, SENSOR, given.bench, given.steps, [k3])
+    assert len(refusal.value.directions) == 2
+    with pytest.raises(NotObserved, match="k1 against K3"):
+        dual(given.seen, SENSOR, given.bench, given.steps, [kip])
+    with pytest.raises(NotObserved, match=r"a\.k3 − b\.k3"):
+        patent(given.seen, SENSOR, given.bench, given.steps, [kip])
+
+
+def test_patent_needs_twelve_positions():
+    for n, words in ((8, "3 of 5"), (9, "90°, 180°, 270°"), (6, "90°, 270°")):
+        given = case(1, 2, Bench(), n)
+        priors = [known(given, "kip", 20), known(given, "k3", 0.5)]
+        with pytest.raises(NotObserved, match=words):
+            patent(given.seen, SENSOR, given.bench, given.steps, priors)
+        if n > 6:
+            assert np.all(joint(given.seen, SENSOR, given.bench, given.steps, priors).converged)
+
+
+def test_what_does_not_fit_is_refused():
+    given = case(1, 1, Bench())
+    other: Sensor = pair().with_coefficients("k0", "k1")
+    with pytest.raises(InputError, match="P against x"):
+        joint(given.seen, other, given.bench, given.steps)
+    flat = replace(SENSOR, form="reference")
+    with pytest.raises(InputError, match="no cosine of a mounting angle"):
+        dual(given.seen, flat, given.bench, given.steps)
+    bias = Gaussian.independent(("a.k0",), 0.0, 1e-3)
+    with pytest.raises(InputError, match=r"a\.k0 from the four points"):
+        patent(given.seen, SENSOR, given.bench, given.steps, [bias])
+    fewer = mounted().with_coefficients("k0", "k2")
+    with pytest.raises(InputError, match=r"a\.k1"):
+        patent(given.seen, fewer, given.bench, given.steps)
