@@ -19,6 +19,16 @@ Array = NDArray[np.float64]
 SENSOR = mounted().with_coefficients("k0", "k1", "k2", "k3", "kip", "delta_o")
 SI = {"k0": G0, "k1": 1.0, "delta": 1.0, "k2": 1 / G0, "k3": 1 / G0**2, "kip": 1 / G0}
 NAMES = {"delta": "delta_o"}
+WHOLE = Bench(
+    collimator=0.4,
+    third=5.0,
+    polygon=(0.0, 3.0, -2.0, 5.0, 1.0, -4.0, 2.0, 0.5, -1.5, 4.0, -3.0, 2.5),
+    certificate=0.3,
+    pier=0.3,
+    creep=1.5,
+    drifting=1e-6,
+    gravity=1e-6,
+)
 
 
 class Case(NamedTuple):
@@ -103,6 +113,11 @@ def rms(found: Estimate, given: Case) -> dict[str, float]:
 
 def nees(found: Estimate, given: Case) -> float:
     """Return the mean normalised squared error of all coefficients, over their number."""
+    return float(squared(found, given).mean())
+
+
+def squared(found: Estimate, given: Case) -> Array:
+    """Return the normalised squared error of each calibration over that number, (trials,)."""
     p = len(SENSOR.coefficients)
     short = {v: k for k, v in NAMES.items()}
     true = np.empty((len(found.value), p))
@@ -112,7 +127,7 @@ def nees(found: Estimate, given: Case) -> float:
         true[:, k] = SI[term] * given.truth[term][:, "ab".index(axis)]
     off = found.value[:, :p] - true
     weighted = np.linalg.solve(found.covariance[:, :p, :p], off[..., None])[..., 0]
-    return float(np.mean(np.sum(off * weighted, axis=-1))) / p
+    return np.asarray(np.sum(off * weighted, axis=-1) / p)
 
 
 def bound(found: Estimate) -> dict[str, float]:

@@ -5,6 +5,7 @@ Numbers of the note were computed apart from this project; data by `tests.accura
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from tests.accuracy.dividing_head import LARGE, Bench
 from tests.methods.dual_orthogonal_cases import (
     SENSOR,
+    WHOLE,
     bound,
     calibrate,
     case,
@@ -20,6 +22,7 @@ from tests.methods.dual_orthogonal_cases import (
     nees,
     rms,
     scatter_of,
+    squared,
 )
 
 from inercal.estimate import Estimate
@@ -100,6 +103,53 @@ def test_joint_states_what_it_reaches(method: str, seed: int):
     print(method, seed, "NEES", nees(found, given), "χ²", found.chi2.mean(), "of", found.dof)
     assert nees(found, given) == pytest.approx(1, abs=4 * np.sqrt(2 / 12 / trials))
     assert found.chi2.mean() == pytest.approx(found.dof, abs=4 * np.sqrt(2 * found.dof / trials))
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("collimated", ["pairs", "every"])
+def test_joint_states_what_it_reaches_where_all_of_the_bench_errs(collimated: str, seed: int):
+    trials = 400
+    given = case(seed, trials, replace(WHOLE, collimated=collimated), reverse=True)
+    priors = [known(given, "kip", 20), known(given, "k3", 5)]
+    found = joint(given.seen, SENSOR, given.bench, given.steps, priors)
+    print(collimated, seed, "NEES", nees(found, given), "χ²", found.chi2.mean(), "of", found.dof)
+    assert nees(found, given) == pytest.approx(1, abs=4 * np.sqrt(2 / 12 / trials))
+    assert found.chi2.mean() == pytest.approx(found.dof, abs=4 * np.sqrt(2 * found.dof / trials))
+
+
+LEFT_OUT: dict[str, dict[str, Any]] = {
+    "both": {
+        "gravity": Measured(G0, 0.0),
+        "autocollimator": 1e-9,
+        "polygon": (),
+        "certificate": 0.0,
+        "base": 0.0,
+        "pier": 0.0,
+        "creep": 0.0,
+        "drift": 0.0,
+    },
+    "pairs": {"harmonics": (), "division": 0.0},
+    "every": {},
+}
+
+
+@pytest.mark.parametrize(
+    ("collimated", "what"),
+    [(where, what) for where in ("pairs", "every") for what in LEFT_OUT["both"] | LEFT_OUT[where]],
+)
+def test_joint_cannot_do_without_any_of_them(collimated: str, what: str):
+    trials = 400
+    given = case(1, trials, replace(WHOLE, collimated=collimated), reverse=True)
+    priors = [known(given, "kip", 20), known(given, "k3", 5)]
+    value = (LEFT_OUT["both"] | LEFT_OUT[collimated])[what]
+    squares = [
+        squared(joint(given.seen, SENSOR, bench, given.steps, priors), given)
+        for bench in (given.bench, replace(given.bench, **{what: value}))
+    ]
+    more = squares[1] - squares[0]
+    print(f"NEES without {what}: {squares[1].mean():.3f}")
+    assert more.mean() > 0.04
+    assert more.mean() > 4 * more.std() / np.sqrt(trials)
 
 
 @pytest.mark.slow
