@@ -161,25 +161,18 @@ def fourier(
             found.append(to_term @ (row[:-1] @ sums) + add)
         return np.stack(found).reshape(*x.shape[:-1], len(terms))
 
-    made, even = felt(bench, steps, {}), _even(bench, steps)
-    x = np.append(observations.mean[:, 0], bench.gravity.value)
+    y, f = observations.mean[:, 0], felt(bench, steps, {}).f
+    even = _even(bench, steps, f)
+    x = np.append(y, bench.gravity.value)
     value = formulas(x)
-    if np.abs(made.f - even).max() > _ROUNDED * G0:
+    if np.abs(f - even).max() > _ROUNDED * G0:
         for _ in range(_MOVES):
-            there, here = (sensor.linearise(Motion(f), value)[0][:, 0] for f in (made.f, even))
-            x[:-1] = observations.mean[:, 0] - (there - here)
+            there, here = (sensor.forward(Motion(at), value)[:, 0] for at in (f, even))
+            x[:-1] = y - (there - here)
             value = formulas(x)
-    slope = sensor.slope(Motion(made.f), value)[:, 0, :3]
-    of_angles = np.array(
-        [
-            q.sd * (slope * made.by[name]).sum(axis=-1)
-            for name, q in bench.nuisances(steps).items()
-            if name != "g"
-        ]
-    )
     spread = np.zeros((len(x), len(x)))
     noise = by_angle.drifting(observations, bench, steps).full_covariance
-    spread[:-1, :-1] = noise + of_angles.T @ of_angles
+    spread[:-1, :-1] = noise + _of_angles(sensor, bench, steps, value)
     spread[-1, -1] = bench.gravity.sd**2
     value, covariance = propagate(formulas, x, spread)
     variance = np.linalg.eigvalsh(covariance / np.outer(sensor.natural, sensor.natural))
@@ -188,8 +181,19 @@ def fourier(
     return replace(estimate, notes=harmonics.notes(angle))
 
 
-def _even(bench: DividingHead, steps: Sequence[Index]) -> Array:
-    """Return what is felt at the even angles, whatever is known beyond them, (r, 3) m/s².
+def _of_angles(sensor: Sensor, bench: DividingHead, steps: Sequence[Index], value: Array) -> Array:
+    """Return the covariance that the angles give to the readings of a sensor, (r, r) in (m/s²)²."""
+    made = felt(bench, steps, {})
+    slope = sensor.slope(Motion(made.f), value)[:, 0, :3]
+    declared = bench.nuisances(steps)
+    columns = [
+        q.sd * (slope * made.by[name]).sum(-1) for name, q in declared.items() if name != "g"
+    ]
+    return np.stack(columns, axis=-1) @ np.stack(columns)
+
+
+def _even(bench: DividingHead, steps: Sequence[Index], f: Array) -> Array:
+    """Return what is felt at the even angles where f, (r, 3) m/s², is with what is known beyond.
 
     Raises
     ------
@@ -198,7 +202,7 @@ def _even(bench: DividingHead, steps: Sequence[Index]) -> Array:
     """
     plain = [replace(step, level=0.0, reading=0.0) for step in steps]
     even = felt(DividingHead(bench.gravity), plain, {}).f
-    away = np.linalg.norm(felt(bench, steps, {}).f - even, axis=-1) / bench.gravity.value
+    away = np.linalg.norm(f - even, axis=-1) / bench.gravity.value
     worst = int(np.argmax(away))
     if away[worst] > _NEAR:
         raise InputError(
