@@ -453,6 +453,23 @@ def test_the_laboratory_s_table_gives_what_its_page_says(tmp_path: Path):
     assert " ".join(line.removeprefix("text\n· ").split()) in told
 
 
+def test_the_tumble_of_the_laboratory_gives_its_accelerometer(tmp_path: Path):
+    folder = Path(shutil.copytree(EXAMPLE.parent, tmp_path / "lab"))
+    text = (folder / "tumble.toml").read_text(encoding="utf-8")
+    formulas = text.replace('name = "tumble"', 'name = "tumble"\nestimator = "fourier"')
+    (folder / "even.toml").write_text(
+        formulas.replace("[sensor]", '[sensor]\nform = "reference"', 1), encoding="utf-8"
+    )
+    truth = {"k0": 820e-6, "k1": 640e-6, "k2": 27e-6, "k3": -9e-6, "kip": 33e-6}
+    for name in ("tumble", "even"):
+        calibration = calibrate(folder / f"{name}.toml").calibration
+        for term, value in truth.items():
+            error = calibration.value(f"a.{term}") - value * SCALE[term]
+            assert abs(error) < 3 * calibration.uncertainty(f"a.{term}")
+    (folder / "tilted.toml").write_text(formulas, encoding="utf-8")
+    refused(folder / "tilted.toml", 'state form = "reference", or take least_squares')
+
+
 def test_a_face_at_every_position_gains_what_the_page_says(tmp_path: Path):
     stated: list[tuple[float, float]] = []
     for kind in ("pairs", "every"):

@@ -97,7 +97,7 @@ def test_what_the_autocollimator_reads_takes_the_heads_place():
 def angle(f: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return by how much the head stood beyond 0°, 90°, 180°, 270°."""
     away = np.arctan2(f[:, 0], f[:, 1]) - pi / 2 * np.arange(4)
-    return (away + pi) % (2 * pi) - pi
+    return np.asarray((away + pi) % (2 * pi) - pi, dtype=np.float64)
 
 
 def test_a_face_errs_alike_in_both_passes_and_in_both_members_of_a_pair():

@@ -103,7 +103,7 @@ def test_what_cannot_be_used_is_refused_in_one_line(estimator: Estimator):
     for made in (triad().with_coefficients("k0"), single(measures="w").with_coefficients("bias")):
         with pytest.raises(InputError, match="takes one accelerometer"):
             run(estimator, plan, made)
-    with pytest.raises(InputError, match="readings are of j, the sensor's axis is i"):
+    with pytest.raises(InputError, match="readings are of j, the sensor has i"):
         estimator(replace(seen(plan, np.zeros(12)), channels=("j",)), sensor(), EXACT, plan)
     with pytest.raises(InputError, match="has no coefficients to find"):
         run(estimator, plan, single())

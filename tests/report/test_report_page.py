@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from inercal.benches import Hand
 from inercal.errors import InputError
 from inercal.io.write import write_recording
 from inercal.pipeline import Outcome, calibrate, named_as_in, simulate
@@ -270,6 +271,7 @@ def test_the_bench_table_compares_found_with_stated(outcome: Outcome):
     assert set(pulls) == {"run", *outcome.observations.labels}
     k = outcome.estimate.names.index("tilt1[x_p]")
     found = dict(pulls["x_p"])["tilt1"]
+    assert isinstance(outcome.bench, Hand)
     assert found == pytest.approx(outcome.estimate.value[k] / outcome.bench.tilt)
 
 

@@ -10,12 +10,13 @@ from inercal.methods import (
     ferraris,
     multi_position,
     six_position,
+    tumble,
 )
 from inercal.methods._base import Method
 
 METHODS: Mapping[str, Method[Any, Any]] = {
     module.METHOD.name: module.METHOD
-    for module in (six_position, ferraris, multi_position, centrifuge_norm, dual_orthogonal)
+    for module in (six_position, ferraris, multi_position, centrifuge_norm, dual_orthogonal, tumble)
 }
 
 

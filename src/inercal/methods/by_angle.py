@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import zip_longest
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +44,28 @@ def plan(positions: int = 12, reverse: bool = True, seconds: float = 60.0) -> tu
     if positions < FEWEST:
         raise InputError(f"{positions} positions; a tumble needs {FEWEST} or more")
     return on_head(positions, reverse=reverse, seconds=seconds)
+
+
+def require_rows(observations: Observations, sensor: Sensor, steps: Sequence[Index]) -> None:
+    """Refuse steps or channels that are not those of the rows.
+
+    Raises
+    ------
+    InputError
+        Naming the first that differs, or a label that comes twice.
+    """
+    if observations.channels != sensor.channels:
+        raise InputError(
+            f"readings are of {', '.join(observations.channels)}, the sensor has "
+            f"{', '.join(sensor.channels)}"
+        )
+    labels = tuple(step.label for step in steps)
+    if len(set(labels)) < len(labels):
+        raise InputError("two positions have one label; give each its own")
+    if labels != observations.labels:
+        pairs = zip_longest(observations.labels, labels)
+        row, step = next(pair for pair in pairs if pair[0] != pair[1])
+        raise InputError(f"row {row} has step {step}; give the step of each row, in order")
 
 
 def problem(
@@ -109,17 +132,35 @@ def problem(
     )
 
 
-def by_bench(sensor: Sensor, bench: DividingHead, steps: Sequence[Index]) -> Array:
-    """Return the covariance that the angles give to all readings, at the nominal sensor.
+def by_bench(
+    sensor: Sensor,
+    bench: DividingHead,
+    steps: Sequence[Index],
+    c: Array | None = None,
+    *,
+    gravity: bool = True,
+) -> Array:
+    """Return the covariance that the bench's angles, and its gravity, give to all readings.
 
     (m r, m r) in (m/s²)², row after row as `Observations.full_covariance`.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    bench : DividingHead
+    steps : sequence of r Index
+    c : (p,) array, optional
+        Coefficients of the sensor; None is the nominal one.
+    gravity : bool
+        Whether gravity's uncertainty counts.
     """
     made = felt(bench, steps, {})
-    slope = sensor.slope(Motion(made.f), np.zeros(len(sensor.coefficients)))[..., :3]
+    c = np.zeros(len(sensor.coefficients)) if c is None else c
+    slope = sensor.slope(Motion(made.f), c)[..., :3]
     columns = [
         q.sd * (slope @ made.by[name][..., None]).ravel()
         for name, q in bench.nuisances(steps).items()
-        if q.sd > 0
+        if q.sd > 0 and (gravity or name != "g")
     ]
     size = len(sensor.channels) * len(steps)
     return sum((np.outer(column, column) for column in columns), np.zeros((size, size)))

@@ -45,7 +45,6 @@ Source: IEEE Std 1293, static multipoint (tumble) test.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import zip_longest
 
 import numpy as np
 from numpy.typing import NDArray
@@ -147,7 +146,10 @@ def fourier(
             "least_squares finds what is chosen"
         )
     if sensor.form != "reference":
-        raise InputError("estimator fourier finds the reference form; tilted takes least_squares")
+        raise InputError(
+            'estimator fourier finds the reference form: state form = "reference", or take '
+            "least_squares"
+        )
     harmonics.require_even(angle)
     matrix = harmonics.basis(angle, harmonics.columns(terms))
     harmonics.require_apart(sensor, terms, matrix, angle)
@@ -172,24 +174,13 @@ def fourier(
             value = formulas(x)
     spread = np.zeros((len(x), len(x)))
     noise = by_angle.drifting(observations, bench, steps).full_covariance
-    spread[:-1, :-1] = noise + _of_angles(sensor, bench, steps, value)
+    spread[:-1, :-1] = noise + by_angle.by_bench(sensor, bench, steps, value, gravity=False)
     spread[-1, -1] = bench.gravity.sd**2
     value, covariance = propagate(formulas, x, spread)
     variance = np.linalg.eigvalsh(covariance / np.outer(sensor.natural, sensor.natural))
     singular = 1 / np.sqrt(variance)
     estimate = Estimate.of_formulas(sensor.coefficients, value, covariance, singular)
     return replace(estimate, notes=harmonics.notes(angle))
-
-
-def _of_angles(sensor: Sensor, bench: DividingHead, steps: Sequence[Index], value: Array) -> Array:
-    """Return the covariance that the angles give to the readings of a sensor, (r, r) in (m/s²)²."""
-    made = felt(bench, steps, {})
-    slope = sensor.slope(Motion(made.f), value)[:, 0, :3]
-    declared = bench.nuisances(steps)
-    columns = [
-        q.sd * (slope * made.by[name]).sum(-1) for name, q in declared.items() if name != "g"
-    ]
-    return np.stack(columns, axis=-1) @ np.stack(columns)
 
 
 def _even(bench: DividingHead, steps: Sequence[Index], f: Array) -> Array:
@@ -224,19 +215,9 @@ def _angles(observations: Observations, sensor: Sensor, steps: Sequence[Index]) 
         raise InputError(
             f"axis {axis.name} has I along {axis.i}, P along {axis.p}; on the head they are x and y"
         )
-    if observations.channels != sensor.channels:
-        raise InputError(
-            f"readings are of {', '.join(observations.channels)}, the sensor's axis is {axis.name}"
-        )
     if not sensor.coefficients:
         raise InputError(f"sensor {sensor.name} has no coefficients to find; choose some")
-    labels = tuple(step.label for step in steps)
-    if len(set(labels)) < len(labels):
-        raise InputError("two positions have one label; give each its own")
-    if labels != observations.labels:
-        pairs = zip_longest(observations.labels, labels)
-        row, step = next(pair for pair in pairs if pair[0] != pair[1])
-        raise InputError(f"row {row} has step {step}; give the step of each row, in order")
+    by_angle.require_rows(observations, sensor, steps)
     if not (observations.covariance > 0).all():
         raise InputError("a reading is stated without noise; give all of them their variance")
     angle = np.array([step.angle for step in steps])

@@ -60,11 +60,12 @@ def joint(
     Raises
     ------
     InputError
-        A sensor that is not the fixture's.
+        A sensor that is not the fixture's, or steps that are not those of the rows.
     NotObserved
         Coefficients that these positions leave open.
     """
     square.require_mounted(sensor, alone=True)
+    by_angle.require_rows(observations, sensor, steps)
     square.require_positions(sensor, steps)
     estimate = least_squares(by_angle.problem(observations, sensor, bench, steps, priors))
     require_observed(estimate, sensor, missing=())
@@ -89,6 +90,8 @@ def patent(
     NotObserved
         Cardinal positions that are missing, too few others, or K3 without a prior.
     """
+    square.require_mounted(sensor)
+    by_angle.require_rows(observations, sensor, steps)
     steady = by_angle.drifting(observations, bench, steps)
     there = by_angle.as_stated(steady, sensor, bench, steps)
     estimate = four.estimate(there, sensor, bench, steps, priors)
@@ -114,6 +117,7 @@ def dual(
         Combinations of coefficients that g² and the priors leave free, named.
     """
     square.require_mounted(sensor)
+    by_angle.require_rows(observations, sensor, steps)
     square.require_positions(sensor, steps)
     square.require_told(sensor, bench, steps, priors)
     steady = by_angle.drifting(observations, bench, steps)
@@ -135,11 +139,12 @@ def single(
     Raises
     ------
     InputError
-        A sensor that is not the fixture's.
+        A sensor that is not the fixture's, or steps that are not those of the rows.
     NotObserved
         Coefficients that these positions leave open.
     """
     square.require_mounted(sensor, alone=True)
+    by_angle.require_rows(observations, sensor, steps)
     steady = by_angle.drifting(observations, bench, steps)
     asked = by_angle.problem(steady, sensor, bench, steps, priors, exact=True)
     found = least_squares(asked)

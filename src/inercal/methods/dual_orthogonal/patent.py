@@ -54,7 +54,6 @@ def estimate(
     NotObserved
         Cardinal positions that are missing, too few others, or a K3 that no prior tells.
     """
-    square.require_mounted(sensor)
     maps = _maps(sensor, bench.gravity.value)
     beyond = sorted({name for prior in priors for name in prior.names} - set(maps.names))
     if beyond:
