@@ -209,10 +209,22 @@ class Experiment:
 
     def stated(self) -> Array:
         """Return the standard uncertainties that the estimator states itself, (p,) SI."""
+        variance = np.diagonal(self.estimate().covariance)
+        return np.sqrt(variance[: len(self.sensor.coefficients)])
+
+    def estimate(self) -> Estimate:
+        """Return what the estimator makes of the typical readings.
+
+        Raises
+        ------
+        InputError
+            The estimator refuses the readings.
+        NotObserved
+            Coefficients that the plan leaves open.
+        """
         readings, priors = self.made(self.typical[None])
         single = tuple(replace(g, mean=g.mean[0]) for g in priors)
-        variance = np.diagonal(self._estimate(readings[0], single).covariance)
-        return np.sqrt(variance[: len(self.sensor.coefficients)])
+        return self._estimate(readings[0], single)
 
     def observed(self, readings: Array) -> Observations:
         """Return readings, (..., r, m) SI, as the estimator is given them."""

@@ -1,4 +1,4 @@
-"""What a plan will give before anything is moved: it is rehearsed in simulation."""
+"""What a plan by hand will give before anything is moved: it is rehearsed in simulation."""
 
 from dataclasses import dataclass, replace
 from importlib.resources import files
