@@ -1,7 +1,7 @@
-"""`inercal plan`: a good sequence of attitudes, and what it will give."""
+"""`inercal plan`: what to do, position by position, and what it will give."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -9,60 +9,98 @@ if TYPE_CHECKING:
     from inercal.design import Expected
 
 NAME = "plan"
+_POSITIONS, _SECONDS = 24, 3.0  # by hand
 
 
 def run(
-    method: str = typer.Argument(help="The method; multi-position."),
+    method: str = typer.Argument(
+        help="The method: multi-position, or one on a dividing head, such as dual-orthogonal."
+    ),
     run_file: Path | None = typer.Option(
         None, "--run", "-r", help="Run file whose sensor, bench and coefficients count."
     ),
-    positions: int = typer.Option(24, help="Rests."),
-    seconds: float = typer.Option(3.0, help="Length of each rest, s."),
+    positions: int | None = typer.Option(
+        None, help=f"Rests by hand, {_POSITIONS}; of a head in one turn, as in the run file."
+    ),
+    seconds: float | None = typer.Option(
+        None, help=f"Length of each hold, s: {_SECONDS:g} by hand; of a head as in the run file."
+    ),
+    out: Path | None = typer.Option(
+        None, "--out", "-o", help="Of a head: the table to fill (.csv), its page (.html) beside it."
+    ),
+    force: bool = typer.Option(False, "--force", help="Write over an existing worksheet."),
     json: bool = typer.Option(False, "--json", help="Print one JSON object."),
 ) -> None:
-    """Print attitudes to take by hand, with the uncertainties to expect of them."""
-    from inercal.cli.show import as_json, working
-    from inercal.design import rehearse, typical
+    """Print what to do, position by position, with the uncertainties to expect of it."""
+    from inercal.benches import DividingHead
     from inercal.errors import InputError
     from inercal.methods import method as named
-    from inercal.runfile import read
 
     name = method.replace("-", "_")
-    if not named(name).free:
+    chosen = named(name)
+    if chosen.bench is DividingHead:
+        from inercal.cli.plan_head import plan_head
+
+        if run_file is None:
+            raise InputError(f"a plan of {name} needs the run file: --run")
+        plan_head(run_file, _keys(name, positions, seconds), out, force=force, json=json)
+        return
+    if not chosen.free:
         raise InputError(
             f"plans of {method} are fixed, by [method] in the run file; inercal budget says what "
-            "they give. Plans by hand are made for multi-position"
+            "they give. Plans are made for multi-position, and for methods on a dividing head"
         )
-    keys = {
-        "name": name,
-        "positions": positions,
-        "seconds": f"{seconds} s",
-    }
-    with working(f"rehearsing {positions} positions"):
-        expected = rehearse(read(run_file or typical(), keys))
-    sensor = expected.sensor
-    if json:
-        from inercal.sensors import SI_UNITS
+    if out is not None:
+        raise InputError("--out: a plan by hand is printed; worksheets are of a dividing head")
+    _plan_by_hand(
+        run_file,
+        _keys(
+            name,
+            _POSITIONS if positions is None else positions,
+            _SECONDS if seconds is None else seconds,
+        ),
+        json=json,
+    )
 
-        as_json(
-            {
-                "steps": [
-                    {"label": step.label, "what": step.in_words(), "seconds": step.seconds}
-                    for step in expected.steps
-                ],
-                "seconds": expected.seconds,
-                "expected": [
-                    {
-                        "name": name,
-                        "std": float(std),
-                        "unit": SI_UNITS[sensor.coefficient(name).unit],
-                    }
-                    for name, std in zip(sensor.coefficients, expected.std, strict=True)
-                ],
-            }
-        )
-        return
-    _print(expected)
+
+def _keys(name: str, positions: int | None, seconds: float | None) -> dict[str, object]:
+    """Return the keys that take the place of those in [method]."""
+    keys: dict[str, object] = {"name": name}
+    if positions is not None:
+        keys["positions"] = positions
+    if seconds is not None:
+        keys["seconds"] = f"{seconds} s"
+    return keys
+
+
+def _plan_by_hand(run_file: Path | None, keys: dict[str, object], *, json: bool) -> None:
+    from inercal.cli.show import as_json, working
+    from inercal.design import rehearse, typical
+    from inercal.runfile import read
+
+    with working(f"rehearsing {keys['positions']} positions"):
+        expected = rehearse(read(run_file or typical(), keys))
+    if json:
+        as_json(_as_object(expected))
+    else:
+        _print(expected)
+
+
+def _as_object(expected: "Expected") -> dict[str, Any]:
+    from inercal.sensors import SI_UNITS
+
+    sensor = expected.sensor
+    return {
+        "steps": [
+            {"label": step.label, "what": step.in_words(), "seconds": step.seconds}
+            for step in expected.steps
+        ],
+        "seconds": expected.seconds,
+        "expected": [
+            {"name": name, "std": float(std), "unit": SI_UNITS[sensor.coefficient(name).unit]}
+            for name, std in zip(sensor.coefficients, expected.std, strict=True)
+        ],
+    }
 
 
 def _print(expected: "Expected") -> None:

@@ -1,4 +1,4 @@
-"""Reports, of a calibration and of an error budget: one HTML page that needs nothing but itself.
+"""Reports, error budgets and worksheets: each one HTML page that needs nothing but itself.
 
 Figures are SVG inside the page, whose colours follow the reader's light or dark scheme.
 """
@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from inercal.budget import Budget
+from inercal.design.on_head import Worksheet
 from inercal.errors import InputError
 from inercal.io.atomic import atomic_write
 from inercal.pipeline import Outcome
@@ -55,6 +56,26 @@ def write_budget(budget: Budget, path: str | Path, under: str = "") -> Path:
     return _write(path, page(budget, under))
 
 
+def write_worksheet(sheet: Worksheet, path: str | Path, table: str) -> Path:
+    """Write the page of a worksheet; it appears whole or not at all. Return its path.
+
+    Parameters
+    ----------
+    sheet : Worksheet
+    path : path
+    table : str
+        Name of the file that the readings are typed into.
+
+    Raises
+    ------
+    InputError
+        jinja2 is missing, or the file cannot be written.
+    """
+    with _extras():
+        from inercal.report.worksheet import page
+    return _write(path, page(sheet, table))
+
+
 @contextmanager
 def _extras() -> Generator[None]:
     try:
@@ -74,4 +95,4 @@ def _write(path: str | Path, text: str) -> Path:
     return Path(path)
 
 
-__all__ = ["write_budget", "write_report"]
+__all__ = ["write_budget", "write_report", "write_worksheet"]

@@ -1,0 +1,163 @@
+"""`inercal plan` of a dividing head: what it prints and writes, and what it refuses."""
+
+import csv
+import json
+import re
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from inercal.cli.app import main
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "dividing_head" / "pair.toml"
+
+Program = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def program(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Program:
+    """Run the program within this process; return its status, its output and its errors."""
+
+    def run(*arguments: str | Path) -> tuple[int, str, str]:
+        monkeypatch.setattr("sys.argv", ["inercal", "plan", *map(str, arguments)])
+        monkeypatch.setenv("COLUMNS", "120")
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as stop:
+            main()
+        printed = capsys.readouterr()
+        return int(stop.value.code or 0), printed.out, printed.err
+
+    return run
+
+
+@pytest.fixture
+def pair(tmp_path: Path) -> Path:
+    return Path(shutil.copy(EXAMPLE, tmp_path / "run.toml"))
+
+
+def changed(path: Path, *changes: tuple[str, str]) -> Path:
+    text = path.read_text(encoding="utf-8")
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_positions_in_order_and_what_they_will_give(pair: Path, program: Program):
+    status, printed, errors = program("dual-orthogonal", "--run", pair)
+    assert (status, errors) == (0, "")
+    assert "24 positions, 720 s of holding in all" in printed
+    numbers = re.findall(r"│ +(\d+) │ ([fr]\d\d) +│ (\S+) +│ (1, forward|2, reverse) +│", printed)
+    assert [row[0] for row in numbers] == [str(k) for k in range(1, 25)]
+    assert numbers[11:13] == [
+        ("12", "f12", "330°", "1, forward"),
+        ("13", "r12", "330°", "2, reverse"),
+    ]
+    assert re.search(r"a\.k0 +│ bias +│ +0\.35 │ µg", printed)
+    assert re.search(
+        r"b\.delta_o − a\.delta_o │ angle between the accelerometers │ +0\.028", printed
+    )
+    assert "do not touch the pier" in printed
+    assert {p.name for p in pair.parent.iterdir()} == {"run.toml"}
+
+
+def test_one_object_with_steps_and_what_to_expect(pair: Path, program: Program):
+    status, printed, _ = program("dual-orthogonal", "--run", pair, "--json")
+    content = json.loads(printed)
+    assert status == 0
+    assert set(content) == {"steps", "seconds", "notes", "expected", "together"}
+    assert content["steps"][13] == {
+        "label": "r11",
+        "what": "head at 300°, reverse",
+        "angle_deg": pytest.approx(300),
+        "sense": "reverse",
+        "pass": 2,
+        "autocollimator": "trim the head until it reads as at 0° in pass 1",
+        "seconds": 30.0,
+    }
+    k0 = content["expected"][0]
+    assert (k0["name"], k0["unit"]) == ("a.k0", "m/s²")
+    assert 2 * k0["std"] / 9.80665e-6 == pytest.approx(0.35, abs=0.01)
+    assert [one["name"] for one in content["together"]] == ["b.delta_o − a.delta_o"]
+
+
+def test_options_take_the_place_of_the_run_files_positions_and_seconds(
+    pair: Path, program: Program
+):
+    options = ("--positions", "16", "--seconds", "120")
+    content = json.loads(program("dual-orthogonal", "--run", pair, *options, "--json")[1])
+    assert len(content["steps"]) == 32
+    assert content["seconds"] == 32 * 120
+    assert content["steps"][1]["angle_deg"] == pytest.approx(22.5)
+    _, printed, _ = program("dual-orthogonal", "--run", pair, *options)
+    assert "22° 30′" in printed
+
+
+def test_the_table_is_written_and_a_page_beside_it(pair: Path, program: Program, tmp_path: Path):
+    changed(pair, ('angle = "angle"', 'angle = "angle"\nautocollimator = "ac"\nlevel = "lv"'))
+    sheet, page = tmp_path / "sheet.csv", tmp_path / "sheet.html"
+    status, printed, _ = program("dual-orthogonal", "--run", pair, "--out", sheet)
+    assert status == 0
+    assert f"wrote {sheet}" in printed.replace("\n", "")
+    assert 'kind = "means"' in printed
+    with sheet.open(encoding="utf-8", newline="") as file:
+        header, *rows = csv.reader(file)
+    assert header == ["label", "angle", "a", "b", "ac", "lv"]
+    assert rows[1] == ["f02", "30", "", "", "", ""]
+    assert len(rows) == 24
+    text = page.read_text(encoding="utf-8")
+    assert text.startswith("<!DOCTYPE html>")
+    _, printed, _ = program("dual-orthogonal", "--run", pair, "--out", sheet, "--force", "--json")
+    content = json.loads(printed)
+    assert (content["sheet"], content["page"]) == (str(sheet), str(page))
+
+
+@pytest.mark.parametrize("there", ["sheet.csv", "sheet.html"])
+def test_what_was_filled_in_is_not_written_over(
+    pair: Path, program: Program, tmp_path: Path, there: str
+):
+    (tmp_path / there).write_text("filled", encoding="utf-8")
+    out = tmp_path / "sheet.csv"
+    status, _, errors = program("dual-orthogonal", "--run", pair, "--out", out)
+    assert status == 2
+    assert f"{there} exists: name another with --out, or write over it with --force" in errors
+    assert (tmp_path / there).read_text(encoding="utf-8") == "filled"
+    assert program("dual-orthogonal", "--run", pair, "--out", out, "--force")[0] == 0
+
+
+def test_nothing_is_written_where_the_plan_leaves_coefficients_open(
+    pair: Path, program: Program, tmp_path: Path
+):
+    out = tmp_path / "sheet.csv"
+    status, printed, errors = program(
+        "dual-orthogonal", "--run", pair, "--positions", "4", "--out", out
+    )
+    assert (status, printed) == (2, "")
+    assert "the plan of 8 positions leaves open what is asked for: 4 different positions" in errors
+    assert errors.count("\n") == 1
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("dual-orthogonal",), "a plan of dual_orthogonal needs the run file: --run"),
+        (("dual-orthogonal", "-r", "RUN", "-o", "a.html"), "--out a.html: name a .csv"),
+        (("dual-orthogonal", "-r", "RUN", "--seconds", "0"), "'0.0 s' must be positive"),
+        (("multi-position", "-o", "a.csv"), "worksheets are of a dividing head"),
+    ],
+)
+def test_refusals_are_one_line(pair: Path, program: Program, arguments: tuple[str, ...], said: str):
+    given = [str(pair) if word == "RUN" else word for word in arguments]
+    status, printed, errors = program(*given)
+    assert (status, printed, errors.count("\n")) == (2, "", 1)
+    assert said in errors
+
+
+def test_plans_by_hand_have_their_own_defaults(program: Program):
+    content = json.loads(program("multi-position", "--json")[1])
+    assert len(content["steps"]) == 24
+    assert {step["seconds"] for step in content["steps"]} == {3.0}
