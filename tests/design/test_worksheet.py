@@ -231,7 +231,7 @@ def test_a_plan_that_leaves_coefficients_open_says_which(tmp_path: Path):
 
 
 def test_pairs_need_all_four_positions(tmp_path: Path):
-    with pytest.raises(InputError, match=r"have no 90°, 270° in pass 1.* multiple of 4"):
+    with pytest.raises(InputError, match=r"pass 1 has no 90°, 270°.* multiple of 4"):
         planned(tmp_path, ("seconds =", "positions = 10\nseconds ="))
 
 

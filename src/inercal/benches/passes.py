@@ -10,6 +10,7 @@ from inercal.plan import Index
 
 Array = NDArray[np.float64]
 SAME = 1e-9  # rad; closer angles are one position of the head
+CARDINAL = (0.0, pi / 2, pi, 1.5 * pi)
 
 
 def beyond_turns(angle: float) -> float:
@@ -36,6 +37,18 @@ def passes(steps: Sequence[Index]) -> list[int]:
 def pass_names(steps: Sequence[Index]) -> list[str]:
     """Return the names of the passes, such as "pass 1"."""
     return [f"pass {k}" for k in range(1, max(passes(steps), default=-1) + 2)]
+
+
+def lacking(steps: Sequence[Index]) -> dict[str, list[float]]:
+    """Return the cardinal angles, rad, that passes lack, by the name of the pass."""
+    which = passes(steps)
+    found: dict[str, list[float]] = {}
+    for k, name in enumerate(pass_names(steps)):
+        own = [step.angle for step, one in zip(steps, which, strict=True) if one == k]
+        missing = [c for c in CARDINAL if not any(beyond_turns(c - a) < SAME for a in own)]
+        if missing:
+            found[name] = missing
+    return found
 
 
 def ramps(steps: Sequence[Index]) -> Array:

@@ -15,12 +15,11 @@ from inercal.budget.of_run import experiment_of
 from inercal.design.operator import Names, Row, notes, rows
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate
+from inercal.methods.dual_orthogonal.together import together
 from inercal.pipeline.inputs import readback_units
 from inercal.plan import Index
 from inercal.runfile import Run
 from inercal.sensors import Sensor
-
-_BETTER = 3.0  # times better known together than alone
 
 
 @dataclass(frozen=True)
@@ -96,7 +95,7 @@ def worksheet(run: Run) -> Worksheet:
         made = rows(bench, steps, recorded=bool(names.autocollimator))
     except InputError as error:
         raise InputError(f"{run.path}: {error}") from None
-    estimate, g = _estimate(run), bench.gravity.value
+    estimate = _estimate(run)
     return Worksheet(
         run=run,
         bench=bench,
@@ -104,7 +103,7 @@ def worksheet(run: Run) -> Worksheet:
         rows=made,
         notes=notes(bench, steps, names),
         expected=_alone(estimate, run.sensor),
-        together=_together(estimate, run.sensor, g),
+        together=_together(estimate, run.sensor, bench.gravity.value),
     )
 
 
@@ -180,21 +179,5 @@ def _alone(estimate: Estimate, sensor: Sensor) -> tuple[Known, ...]:
 
 
 def _together(estimate: Estimate, sensor: Sensor, g: float) -> tuple[Known, ...]:
-    """Return the sums that `inercal.methods.dual_orthogonal.together` speaks of, where they are."""
-    sums = [
-        (f"{a}.k1 + {a}.k3 g²", "gain between up and down", (f"{a}.k1", f"{a}.k3"), (1.0, g**2))
-        for a in sensor.channels
-    ]
-    angles = ("b.delta_o", "a.delta_o")
-    sums.append((" − ".join(angles), "angle between the accelerometers", angles, (1.0, -1.0)))
-    found: list[Known] = []
-    for name, meaning, both, weights in sums:
-        if not set(both) <= set(sensor.coefficients):
-            continue
-        part, to = estimate.select(both), np.array(weights)
-        std = float(np.sqrt(to @ part.covariance @ to))
-        alone = np.abs(to) * np.sqrt(np.diagonal(part.covariance))
-        if (alone > _BETTER * std).all():
-            line = sensor.coefficient(both[0])
-            found.append(Known(name, meaning, line.unit, line.si, std))
-    return tuple(found)
+    lines = [(one, sensor.coefficient(one.terms[0])) for one in together(estimate, g)]
+    return tuple(Known(one.name, one.meaning, line.unit, line.si, one.sd) for one, line in lines)

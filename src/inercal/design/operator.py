@@ -13,14 +13,13 @@ positions of a pair are trimmed to one mark.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import degrees, pi
+from math import degrees
 
 from inercal.benches import DividingHead
-from inercal.benches.passes import SAME, beyond_turns, pass_names, passes
+from inercal.benches.passes import CARDINAL, SAME, beyond_turns, lacking, passes
 from inercal.errors import InputError
 from inercal.plan import Index
 
-_CARDINAL = (0.0, pi / 2, pi, 1.5 * pi)
 _DEGREE, _MINUTE = 360_000, 6_000  # in 0.01″
 
 
@@ -120,7 +119,7 @@ def _mark(bench: DividingHead, step: Index, steps: Sequence[Index]) -> Index | N
     """Return the position whose reading a step's is matched to; None where none is taken."""
     if bench.collimated == "every":
         return steps[0]
-    square = any(beyond_turns(step.angle - angle) < SAME for angle in _CARDINAL)
+    square = any(beyond_turns(step.angle - angle) < SAME for angle in CARDINAL)
     if bench.collimated == "none" or not square:
         return None
     # Twice the angle is the same at both ends of a diameter.
@@ -129,24 +128,16 @@ def _mark(bench: DividingHead, step: Index, steps: Sequence[Index]) -> Index | N
 
 def _second(step: Index) -> bool:
     """Return whether a step is the one of a pair that is trimmed: 180° or 270°."""
-    return any(beyond_turns(step.angle - angle) < SAME for angle in _CARDINAL[2:])
+    return any(beyond_turns(step.angle - angle) < SAME for angle in CARDINAL[2:])
 
 
 def _require_pairs(steps: Sequence[Index]) -> None:
-    which = passes(steps)
-    for k, name in enumerate(pass_names(steps)):
-        own = [step.angle for step, one in zip(steps, which, strict=True) if one == k]
-        lacking = [
-            sexagesimal(angle)
-            for angle in _CARDINAL
-            if not any(beyond_turns(angle - a) < SAME for a in own)
-        ]
-        if lacking:
-            raise InputError(
-                f"{len(own)} positions have no {', '.join(lacking)} in {name}, and the "
-                "autocollimator is read in pairs, 180° as 0° and 270° as 90°: take 12 or another "
-                "multiple of 4"
-            )
+    for name, angles in lacking(steps).items():
+        missing = ", ".join(map(sexagesimal, angles))
+        raise InputError(
+            f"{name} has no {missing}, and the autocollimator is read in pairs, 180° as 0° and "
+            "270° as 90°: take 12 positions or another multiple of 4"
+        )
 
 
 def notes(bench: DividingHead, steps: Sequence[Index], names: Names) -> tuple[str, ...]:

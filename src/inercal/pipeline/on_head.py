@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches import DividingHead
-from inercal.benches.passes import SAME, beyond_turns, pass_names, passes
+from inercal.benches.passes import CARDINAL, SAME, beyond_turns, lacking, pass_names
 from inercal.errors import InputError
 from inercal.io.marks import as_read, marks_from_file
 from inercal.io.means import means_of, read_columns
@@ -31,7 +31,6 @@ from inercal.sensors import G0
 from inercal.units import readable
 
 Array = NDArray[np.float64]
-_CARDINAL = (0.0, pi / 2, pi, 1.5 * pi)
 _STEADY = 1e-5  # rad, 2″: the head stood still
 _PHASE = 10 * pi / 180  # no fixture is further off
 _SWING = (0.5, 2.0)  # times g
@@ -162,7 +161,7 @@ def _collimated(bench: DividingHead, angle: Array) -> NDArray[np.bool_]:
     """Return at which angles the autocollimator is used."""
     if bench.collimated == "every":
         return np.ones(angle.size, dtype=np.bool_)
-    cardinal = [any(beyond_turns(a - c) < SAME for c in _CARDINAL) for a in angle.tolist()]
+    cardinal = [any(beyond_turns(a - c) < SAME for c in CARDINAL) for a in angle.tolist()]
     return np.array(cardinal) & (bench.collimated == "pairs")
 
 
@@ -170,20 +169,13 @@ def _require_collimated(run: Run, bench: DividingHead, steps: Sequence[Index]) -
     """Refuse a pass that lacks a position by which the head is trimmed."""
     if bench.collimated != "pairs":
         return
-    which = passes(steps)
-    for k, name in enumerate(pass_names(steps)):
-        own = [step.angle for step, one in zip(steps, which, strict=True) if one == k]
-        lacking = [
-            f"{angle * 180 / pi:.0f}°"
-            for angle in _CARDINAL
-            if not any(beyond_turns(angle - a) < SAME for a in own)
-        ]
-        if lacking:
-            raise InputError(
-                f"{run.path}: [bench] autocollimation is by pairs, 180° as 0° and 270° as 90° in "
-                f"each pass; {name} has no {', '.join(lacking)}: add it to {run.data.file}, or "
-                'state "none" or "every"'
-            )
+    for name, angles in lacking(steps).items():
+        missing = ", ".join(f"{angle * 180 / pi:.0f}°" for angle in angles)
+        raise InputError(
+            f"{run.path}: [bench] autocollimation is by pairs, 180° as 0° and 270° as 90° in each "
+            f"pass; {name} has no {missing}: add it to {run.data.file}, or state "
+            '"none" or "every"'
+        )
 
 
 def _require_phases(run: Run, observations: Observations, steps: Sequence[Index]) -> None:

@@ -27,7 +27,8 @@ from inercal.estimate import Estimate, Gaussian, least_squares
 from inercal.methods import by_angle
 from inercal.methods._base import Method
 from inercal.methods.dual_orthogonal import patent as four
-from inercal.methods.dual_orthogonal import square, together
+from inercal.methods.dual_orthogonal import square
+from inercal.methods.dual_orthogonal.together import notes
 from inercal.methods.observed import require_observed
 from inercal.plan import Index
 from inercal.recording import Observations
@@ -69,7 +70,7 @@ def joint(
     square.require_positions(sensor, steps)
     estimate = least_squares(by_angle.problem(observations, sensor, bench, steps, priors))
     require_observed(estimate, sensor, missing=())
-    return replace(estimate, notes=(*together.notes(estimate, bench, priors), *estimate.notes))
+    return replace(estimate, notes=(*notes(estimate, bench, priors), *estimate.notes))
 
 
 def patent(
@@ -95,7 +96,7 @@ def patent(
     steady = by_angle.drifting(observations, bench, steps)
     there = by_angle.as_stated(steady, sensor, bench, steps)
     estimate = four.estimate(there, sensor, bench, steps, priors)
-    return replace(estimate, notes=(*together.notes(estimate, bench, priors), *estimate.notes))
+    return replace(estimate, notes=(*notes(estimate, bench, priors), *estimate.notes))
 
 
 def dual(
@@ -122,7 +123,7 @@ def dual(
     square.require_told(sensor, bench, steps, priors)
     steady = by_angle.drifting(observations, bench, steps)
     estimate = least_squares(square.problem(steady, sensor, bench, steps, priors))
-    return replace(estimate, notes=(*together.notes(estimate, bench, priors), *estimate.notes))
+    return replace(estimate, notes=(*notes(estimate, bench, priors), *estimate.notes))
 
 
 def single(

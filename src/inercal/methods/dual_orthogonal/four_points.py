@@ -24,13 +24,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.benches.passes import CARDINAL, SAME
 from inercal.errors import NotObserved
 from inercal.plan import Index
 
 Array = NDArray[np.float64]
-_SAME = 1e-9  # rad
-_CARDINAL = (0.0, pi / 2, pi, 1.5 * pi)
-_LEVEL, _UP = ((0, 2), (3, 1)), ((1, 3), (0, 2))  # of A and B, as indices of _CARDINAL
+_LEVEL, _UP = ((0, 2), (3, 1)), ((1, 3), (0, 2))  # of A and B, as indices of CARDINAL
 
 
 class FourPoints(NamedTuple):
@@ -78,10 +77,10 @@ def rows(steps: Sequence[Index]) -> Array:
         A cardinal position that was not visited.
     """
     angles = np.array([step.angle for step in steps])
-    away = np.abs((angles - np.array(_CARDINAL)[:, None] + pi) % (2 * pi) - pi)
-    there = away < _SAME
+    away = np.abs((angles - np.array(CARDINAL)[:, None] + pi) % (2 * pi) - pi)
+    there = away < SAME
     lacking = [
-        f"{180 * angle / pi:.0f}°" for k, angle in enumerate(_CARDINAL) if not bool(there[k].any())
+        f"{180 * angle / pi:.0f}°" for k, angle in enumerate(CARDINAL) if not bool(there[k].any())
     ]
     if lacking:
         raise NotObserved(
