@@ -146,7 +146,7 @@ def section(trials: int, seed: int) -> Section:
             "K0 has but two items: the noise of two readings, and the autocollimator's two "
             "readings of a pair. The source does not count the tilt of the base between the "
             f"members of a pair: {PIER:g}″ at each position weighs as much as the autocollimator. "
-            "A level on the base takes it out (joint reads one).",
+            "A level on the base takes it out (joint and patent take its readings).",
         ),
         findings,
         (_table(found, moving),),
