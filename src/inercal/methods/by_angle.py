@@ -7,8 +7,9 @@ from itertools import zip_longest
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.dividing_head import DividingHead, angles, drift_names, felt
+from inercal.benches.dividing_head import DividingHead, drift_names, felt
 from inercal.benches.dividing_head import positions as on_head
+from inercal.benches.head_angles import angles
 from inercal.benches.passes import ramps
 from inercal.errors import InputError
 from inercal.estimate import Gaussian, Problem

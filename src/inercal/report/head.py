@@ -9,7 +9,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from inercal.benches import DividingHead
-from inercal.benches.dividing_head import angles
+from inercal.benches.head_angles import angles
 from inercal.benches.passes import pass_names, passes
 from inercal.pipeline import Outcome
 from inercal.plan import Index
