@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from inercal.benches.dividing_head import DividingHead, felt, mounted, positions
-from inercal.benches.passes import passes, ramps
+from inercal.benches.passes import lacking, passes, ramps
 from inercal.errors import InputError
 from inercal.units import Measured
 
@@ -75,9 +75,11 @@ def test_a_graduation_errs_alike_in_both_passes_and_each_pass_has_its_trim():
 
 def test_a_level_on_the_base_tells_its_tilt():
     steps = positions(4)
-    told = tuple(type(s)(s.label, s.angle, s.sense, 1e-6) for s in steps)
-    pier = {f"pier[{s.label}]": np.array(1e-6) for s in steps}
-    assert np.array_equal(felt(BENCH, told, {}).f, felt(BENCH, steps, pier).f)
+    tilts = (1e-6, 3e-6, -2e-6, 0.0)
+    told = [replace(s, level=tilt) for s, tilt in zip(steps, tilts, strict=True)]
+    # Its zero is not the plumb line's: from its mean on.
+    pier = {f"pier[{s.label}]": np.array(t - 0.5e-6) for s, t in zip(steps, tilts, strict=True)}
+    assert felt(BENCH, told, {}).f == pytest.approx(felt(BENCH, steps, pier).f, abs=1e-14)
 
 
 def test_what_the_autocollimator_reads_takes_the_heads_place():
@@ -85,13 +87,51 @@ def test_what_the_autocollimator_reads_takes_the_heads_place():
     faces = (0.0, 5e-6, -3e-6, 2e-6, 7e-6, 0.0, 0.0, 0.0)  # read at 0°, 45°, 90°, …
     every = replace(BENCH, collimated="every", polygon=faces)
     assert angle(felt(every, steps, {}).f) == pytest.approx(
-        np.array([1e-6, 2e-6 - 3e-6, 3e-6 + 7e-6, 4e-6]), abs=1e-14
+        np.array([-1.5e-6, -0.5e-6 - 3e-6, 0.5e-6 + 7e-6, 1.5e-6]), abs=1e-14
     )
     pairs = replace(BENCH, collimated="pairs", polygon=faces)
     assert angle(felt(pairs, steps, {}).f) == pytest.approx(
         np.array([0.0, 0.0, 2e-6 + 7e-6, 2e-6 + 3e-6]), abs=1e-14
     )
     assert np.array_equal(angle(felt(replace(BENCH, collimated="none"), steps, {}).f), np.zeros(4))
+
+
+@pytest.mark.parametrize("collimated", ["pairs", "every"])
+def test_how_angles_of_collimated_positions_were_rounded_does_not_count(collimated: str):
+    assert collimated in ("pairs", "every")
+    steps = positions(4, reverse=True)
+    rounded = [replace(s, angle=round(s.angle, 4)) for s in steps]
+    bench = replace(BENCH, collimated=collimated)
+    made, exact = (felt(bench, some, {}) for some in (rounded, steps))
+    assert made.by.keys() == exact.by.keys()
+    off = np.abs(made.f - exact.f).max(axis=-1) / 9.8
+    trimmed = [2, 5] if collimated == "pairs" else range(8)
+    assert off[trimmed].max() < 1e-15
+    plain = felt(replace(BENCH, collimated="none"), rounded, {})
+    assert plain.by.keys() == felt(replace(BENCH, collimated="none"), steps, {}).by.keys()
+
+
+def test_a_face_is_looked_for_where_the_autocollimator_is_read_alone():
+    four = replace(BENCH, polygon=(0.0,) * 4)
+    assert felt(four, positions(12), {}).f.shape == (12, 3)
+    with pytest.raises(InputError, match="30° is on no face of a polygon of 4"):
+        felt(replace(four, collimated="every"), positions(12), {})
+
+
+def test_orders_of_visit():
+    turn = list(positions(12))
+    back = list(positions(12, reverse=True))[12:]
+    closing = replace(turn[0], label="end", angle=2 * pi)
+    assert passes([*turn, closing]) == [0] * 13
+    assert passes([*turn, closing, *back]) == [0] * 12 + [1] * 13
+    again = replace(turn[6], label="again")
+    assert passes([*turn, again]) == [0] * 13
+    shuffled = [turn[k] for k in np.random.default_rng(1).permutation(12)]
+    assert passes([*shuffled, *back]) == [0] * 12 + [1] * 12
+    couples = [turn[k] for pair in zip(range(6), range(6, 12), strict=True) for k in pair]
+    assert passes(couples) == [0] * 12
+    assert lacking([*turn[:6], *turn[7:], *back]) == {"pass 1": [pytest.approx(pi)]}
+    assert lacking([*turn[:6], *turn[7:], again, *back]) == {}
 
 
 def angle(f: NDArray[np.float64]) -> NDArray[np.float64]:

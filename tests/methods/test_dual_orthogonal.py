@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.accuracy.dividing_head import LARGE, Bench
+from tests.accuracy.dividing_head import ARCSEC, LARGE, Bench
 from tests.methods.dual_orthogonal_cases import (
     SENSOR,
     WHOLE,
@@ -161,6 +161,19 @@ def test_every_face_reaches_its_bound(seed: int):
     assert all(reached[name] <= limit for name, limit in limits.items())
     assert 0.95 < nees(found, given) < 1.05
     assert all(reached[name] / stated[name] <= 1.05 for name in stated)
+
+
+@pytest.mark.parametrize("method", ["dual", "patent"])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_what_g2_does_not_see_is_no_better_known_than_the_head_s_zero(method: str, seed: int):
+    """All twelve coefficients, both mounting angles with their common part among them."""
+    trials = 400
+    given, found = calibrate(method, seed, trials)
+    # A prior's mean is the production's, from which the truth was drawn, or one with its own error.
+    print(method, seed, "NEES", nees(found, given))
+    assert nees(found, given) == pytest.approx(1, abs=4 * np.sqrt(2 / 12 / trials))
+    sd = found.select(("a.delta_o", "b.delta_o")).std
+    assert sd / ARCSEC == pytest.approx(5, rel=0.2)
 
 
 @pytest.mark.parametrize("method", ["single", "dual", "patent"])

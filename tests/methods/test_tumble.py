@@ -63,6 +63,8 @@ def test_what_is_known_beyond_even_angles_is_taken_out(estimator: Estimator, col
     rng = np.random.default_rng(8)
     made, faces = sensor(), 30 * ARCSEC * rng.standard_normal(12)
     level, reading = 60 * ARCSEC * rng.standard_normal((2, 12))
+    # Of a level, and of readings at every position, the mean is their own zero.
+    level, reading = level - level.mean(), reading - reading.mean()
     plan = [
         replace(step, level=level[k], reading=reading[k]) for k, step in enumerate(positions(12))
     ]

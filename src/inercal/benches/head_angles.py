@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.passes import SAME, beyond_turns, pass_names, passes, ramps
+from inercal.benches.passes import (
+    CARDINAL,
+    SAME,
+    beyond_turns,
+    even,
+    pass_names,
+    passes,
+    places,
+    ramps,
+)
 from inercal.errors import InputError
 from inercal.plan import Index
 
@@ -15,7 +24,6 @@ if TYPE_CHECKING:
     from inercal.benches.dividing_head import DividingHead
 
 Array = NDArray[np.float64]
-_ON_FACE = 1e-4  # rad; a position that is further from a face is on none
 
 
 class Angles(NamedTuple):
@@ -28,57 +36,72 @@ class Angles(NamedTuple):
 def angles(bench: "DividingHead", steps: Sequence[Index]) -> Angles:
     """Return the angles of r steps, with what level, autocollimator and certificate tell.
 
+    The level tells tilts from its mean on, and so does the autocollimator where it is read at every
+    position: their zeros are not the plumb line's.
+
     Raises
     ------
     InputError
         A collimated position on no face of the polygon.
     """
     rows = acting(bench, steps)
-    nominal = [step.angle + step.level + _known(bench, step, steps) for step in steps]
+    nominal = np.array([step.level for step in steps])
+    nominal = nominal - nominal.mean() + _stated(bench, steps)
     names = dict.fromkeys(name for row in rows for name in row)
     weights = {name: np.array([row.get(name, 0.0) for row in rows]) for name in names}
-    return Angles(np.array(nominal), weights)
+    return Angles(nominal, weights)
 
 
 def acting(bench: "DividingHead", steps: Sequence[Index]) -> list[dict[str, float]]:
     """Return how the angle of each step depends on the parameters, by full name."""
     if not steps:
         return []
-    named = pass_names(steps)
-    creeping = ramps(steps)
+    named, creeping, trimmed = pass_names(steps), ramps(steps), _trimmed(bench, steps)
+    # At one position graduation and face err alike: they go by the name of its first visit.
+    place = [steps[k].label for k in places(steps)]
     rows: list[dict[str, float]] = []
     for k, step in enumerate(steps):
         own = {"base": 1.0, f"pier[{step.label}]": 1.0}
         own |= {f"creep[{name}]": float(creeping[p, k]) for p, name in enumerate(named)}
-        first = _trimmed_to(step, steps) if bench.collimated == "pairs" else None
+        first = trimmed[k]
         if bench.collimated == "every":
             own[f"face[{step.label}]"] = 1.0
-            own[f"polygon[{_earliest(step, steps).label}]"] = 1.0
+            own[f"polygon[{place[k]}]"] = 1.0
         else:
-            read = step if first is None else first
+            read = k if first is None else first
             for h in range(1, len(bench.harmonics) + 1):
-                own |= {f"sin{h}": sin(h * read.angle), f"cos{h}": cos(h * read.angle)}
-            own[f"division[{_earliest(read, steps).label}]"] = 1.0
+                angle = h * steps[read].angle
+                own |= {f"sin{h}": sin(angle), f"cos{h}": cos(angle)}
+            own[f"division[{place[read]}]"] = 1.0
         if first is not None:
             own[f"trim[{step.label}]"] = 1.0
-            own[f"polygon[{_earliest(step, steps).label}]"] = 1.0
-            own[f"polygon[{_earliest(first, steps).label}]"] = -1.0
+            own[f"polygon[{place[k]}]"] = 1.0
+            own[f"polygon[{place[first]}]"] = -1.0
         rows.append(own)
     return rows
 
 
-def _known(bench: "DividingHead", step: Index, steps: Sequence[Index]) -> float:
-    """Return what autocollimator and certificate tell of a step's angle beyond nominal, rad."""
+def _stated(bench: "DividingHead", steps: Sequence[Index]) -> Array:
+    """Return the angles by head, autocollimator and certificate, (r,) rad."""
+    head = np.array([step.angle for step in steps])
+    if bench.collimated == "none":
+        return head
     if bench.collimated == "every":
-        return step.reading + _face(bench, step)
-    first = _trimmed_to(step, steps) if bench.collimated == "pairs" else None
-    if first is None:
-        return 0.0
-    return step.reading - first.reading + _face(bench, step) - _face(bench, first)
+        # The head's own reading plays no part: how it was rounded does not count.
+        grid = None if bench.polygon else even(steps)
+        face, deviation = np.array([_face(bench, step) for step in steps]).T
+        reading = np.array([step.reading for step in steps])
+        return (face if grid is None else grid) + deviation + reading - reading.mean()
+    for k, first in enumerate(_trimmed(bench, steps)):
+        if first is not None:
+            half_turns = round((head[k] - head[first]) / pi)
+            one, other = (steps[j].reading + _face(bench, steps[j])[1] for j in (k, first))
+            head[k] = head[first] + half_turns * pi + one - other
+    return head
 
 
-def _face(bench: "DividingHead", step: Index) -> float:
-    """Return the certified deviation of the face that is read at a step, rad.
+def _face(bench: "DividingHead", step: Index) -> tuple[float, float]:
+    """Return the even angle of the face that is read at a step, and its deviation, rad.
 
     Raises
     ------
@@ -87,28 +110,33 @@ def _face(bench: "DividingHead", step: Index) -> float:
     """
     n = len(bench.polygon)
     if n == 0:
-        return 0.0
+        return step.angle, 0.0
     face = round(step.angle * n / (2 * pi))
-    if beyond_turns(step.angle - 2 * pi * face / n) > _ON_FACE:
+    if beyond_turns(step.angle - 2 * pi * face / n) > SAME:
         raise InputError(
             f"position {step.label}: {degrees(step.angle):.6g}° is on no face of a polygon of {n}, "
             f"which are {360 / n:.4g}° apart; give the certificate of the polygon that was used"
         )
-    return bench.polygon[face % n]
+    return 2 * pi * face / n, bench.polygon[face % n]
 
 
-def _earliest(step: Index, steps: Sequence[Index]) -> Index:
-    """Return the first step at the same position: its graduation and its face err alike."""
-    return next(other for other in steps if beyond_turns(other.angle - step.angle) < SAME)
+def _trimmed(bench: "DividingHead", steps: Sequence[Index]) -> list[int | None]:
+    """Return for each step the row whose reading the head was trimmed to, if any.
 
-
-def _trimmed_to(step: Index, steps: Sequence[Index]) -> Index | None:
-    """Return the step of the same pass whose reading the head was trimmed to, if any."""
-    for second in (pi, 1.5 * pi):
-        if beyond_turns(step.angle - second) < SAME:
-            of = dict(zip([s.label for s in steps], passes(steps), strict=True))
-            for other in steps:
-                same = of[other.label] == of[step.label]
-                if same and beyond_turns(other.angle - second + pi) < SAME:
-                    return other
-    return None
+    180° is trimmed to 0° and 270° to 90°: of the same pass, or else of the last one before.
+    """
+    if bench.collimated != "pairs":
+        return [None] * len(steps)
+    which = passes(steps)
+    found: list[int | None] = []
+    for k, step in enumerate(steps):
+        second = any(beyond_turns(step.angle - angle) < SAME for angle in CARDINAL[2:])
+        opposite = [
+            j
+            for j, other in enumerate(steps)
+            if second
+            and which[j] <= which[k]
+            and beyond_turns(step.angle - other.angle - pi) < SAME
+        ]
+        found.append(max(opposite, key=lambda j: (which[j], -j), default=None))
+    return found

@@ -1,4 +1,4 @@
-"""Passes of a dividing head: once through its positions, forward or back."""
+"""Passes of a dividing head: once through its positions, in any order."""
 
 from collections.abc import Sequence
 from math import pi
@@ -9,28 +9,44 @@ from numpy.typing import NDArray
 from inercal.plan import Index
 
 Array = NDArray[np.float64]
-SAME = 1e-9  # rad; closer angles are one position of the head
+SAME = 1e-4  # rad; closer angles are one position, whose angle was read or typed anew
 CARDINAL = (0.0, pi / 2, pi, 1.5 * pi)
 
 
 def beyond_turns(angle: float) -> float:
-    """Return the size of an angle beyond whole turns, rad."""
+    """Return the size of an angle, rad, beyond whole turns."""
     return abs((angle + pi) % (2 * pi) - pi)
+
+
+def places(steps: Sequence[Index]) -> list[int]:
+    """Return for each step the row at which its position was first visited."""
+    found: list[int] = []
+    first: list[int] = []
+    for k, step in enumerate(steps):
+        near = (j for j in first if beyond_turns(steps[j].angle - step.angle) < SAME)
+        place = next(near, k)
+        if place == k:
+            first.append(k)
+        found.append(place)
+    return found
 
 
 def passes(steps: Sequence[Index]) -> list[int]:
     """Return which pass each step belongs to, from 0.
 
-    A pass ends where the sense changes, or where an angle would come a second time.
+    A pass ends where positions come a second time one after another. A single one, as that which
+    closes the turn or one that was taken again, belongs to the pass it comes in.
     """
+    where = places(steps)
     found: list[int] = []
-    current: list[Index] = []
-    for step in steps:
-        again = any(beyond_turns(step.angle - other.angle) < SAME for other in current)
-        if current and (again or step.sense != current[0].sense):
-            current = []
-        found.append(found[-1] + (not current) if found else 0)
-        current.append(step)
+    current: set[int] = set()
+    number = 0
+    for k, place in enumerate(where):
+        if place in current and k + 1 < len(where) and where[k + 1] in current:
+            number += 1
+            current.clear()
+        found.append(number)
+        current.add(place)
     return found
 
 
@@ -51,16 +67,34 @@ def lacking(steps: Sequence[Index]) -> dict[str, list[float]]:
     return found
 
 
+def even(steps: Sequence[Index]) -> Array | None:
+    """Return the even angles, (r,) rad, at which the steps stand, or None where they are uneven.
+
+    Angles that were read or typed stand there but for `SAME`.
+    """
+    n = len(set(places(steps)))
+    if n == 0:
+        return None
+    first = steps[0].angle if beyond_turns(steps[0].angle) > SAME else 0.0
+    turns = [round((step.angle - first) * n / (2 * pi)) for step in steps]
+    grid = [first + turn * 2 * pi / n for turn in turns]
+    off = max(abs(a - step.angle) for a, step in zip(grid, steps, strict=True))
+    uneven = off > SAME or len({turn % n for turn in turns}) < n
+    return None if uneven else np.array(grid)
+
+
 def ramps(steps: Sequence[Index]) -> Array:
     """Return what a drift of one a pass has made at each step, (passes, r), about the run's mean.
 
-    The positions of a pass follow one another evenly; the drift of one pass goes on in the next.
+    Positions follow one another evenly, a pass being as many as the longest has; the drift of one
+    pass goes on from that of the one before.
     """
     which = np.array(passes(steps), dtype=np.int64)
     row = np.arange(len(steps))
+    longest = int(np.bincount(which).max())
     rising: list[Array] = []
     for k in range(int(which.max()) + 1):
         (own,) = np.nonzero(which == k)
-        ramp = np.clip((row - own[0]) / own.size, 0.0, 1.0)
+        ramp = np.clip(row - own[0], 0, own.size) / longest
         rising.append(ramp - ramp.mean())
     return np.stack(rising)

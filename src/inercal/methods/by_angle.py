@@ -21,6 +21,7 @@ from inercal.sensors import G0, Sensor
 
 Array = NDArray[np.float64]
 FEWEST = 4  # positions
+_NEAR = 1.5e-4  # rad
 _ROUNDING = 2.0**-50
 _NATURAL = {"m/s²": G0, "rad": 1.0}
 
@@ -174,10 +175,20 @@ def as_stated(
 
     To first order in what level, autocollimator and certificate tell beyond them, at the nominal
     sensor: at 10″ their products with a mounting angle of 100″ leave 2e-8 g.
+
+    Raises
+    ------
+    InputError
+        More than 30″ beyond.
     """
     beyond = angles(bench, steps).nominal - np.array([step.angle for step in steps])
-    if not beyond.any():
-        return observations
+    beyond = (beyond + np.pi) % (2 * np.pi) - np.pi
+    if np.abs(beyond).max() > _NEAR:
+        worst = int(np.argmax(np.abs(beyond)))
+        raise InputError(
+            f"position {steps[worst].label} is known to stand {np.degrees(beyond[worst]):.3g}° "
+            "beyond its angle, too far for formulas of the angles themselves; use joint"
+        )
     made = felt(bench, steps, {})
     slope = sensor.slope(Motion(made.f), np.zeros(len(sensor.coefficients)))[..., :3]
     turned = (slope @ made.by["base"][..., None])[..., 0]

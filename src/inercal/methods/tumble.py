@@ -50,6 +50,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches.dividing_head import DividingHead, felt
+from inercal.benches.passes import even as even_angles
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate, Gaussian
 from inercal.estimate import least_squares as solve
@@ -183,6 +184,12 @@ def fourier(
     return replace(estimate, notes=harmonics.notes(angle))
 
 
+def _angle(steps: Sequence[Index]) -> Array:
+    """Return the angle of each step, (r,) rad: on an even grid where they stand on one."""
+    grid = even_angles(steps)
+    return np.array([step.angle for step in steps]) if grid is None else grid
+
+
 def _even(bench: DividingHead, steps: Sequence[Index], f: Array) -> Array:
     """Return what is felt at the even angles where f, (r, 3) m/s², is with what is known beyond.
 
@@ -191,7 +198,10 @@ def _even(bench: DividingHead, steps: Sequence[Index], f: Array) -> Array:
     InputError
         A position known to stand far from its even angle.
     """
-    plain = [replace(step, level=0.0, reading=0.0) for step in steps]
+    plain = [
+        replace(step, angle=float(a), level=0.0, reading=0.0)
+        for a, step in zip(_angle(steps), steps, strict=True)
+    ]
     even = felt(DividingHead(bench.gravity), plain, {}).f
     away = np.linalg.norm(f - even, axis=-1) / bench.gravity.value
     worst = int(np.argmax(away))
@@ -220,7 +230,7 @@ def _angles(observations: Observations, sensor: Sensor, steps: Sequence[Index]) 
     by_angle.require_rows(observations, sensor, steps)
     if not (observations.covariance > 0).all():
         raise InputError("a reading is stated without noise; give all of them their variance")
-    angle = np.array([step.angle for step in steps])
+    angle = _angle(steps)
     n = len(harmonics.distinct(angle)[0]) if len(angle) else 0
     if n < by_angle.FEWEST:
         raise InputError(f"{n} different positions; a tumble test needs {by_angle.FEWEST} or more")

@@ -28,6 +28,7 @@ from inercal.methods import by_angle
 from inercal.methods._base import Method
 from inercal.methods.dual_orthogonal import patent as four
 from inercal.methods.dual_orthogonal import square
+from inercal.methods.dual_orthogonal.common import with_common_angle
 from inercal.methods.dual_orthogonal.together import notes
 from inercal.methods.observed import require_observed
 from inercal.plan import Index
@@ -82,7 +83,7 @@ def patent(
 ) -> Estimate:
     """Return the coefficients by four points, then g² elsewhere; arguments as of `joint`.
 
-    The mounting angles are given without their common part.
+    The mounting angles' common part is the mean angle beyond the head's, as good as its zero.
 
     Raises
     ------
@@ -96,6 +97,7 @@ def patent(
     steady = by_angle.drifting(observations, bench, steps)
     there = by_angle.as_stated(steady, sensor, bench, steps)
     estimate = four.estimate(there, sensor, bench, steps, priors)
+    estimate = with_common_angle(estimate, observations, sensor, bench, steps)
     return replace(estimate, notes=(*notes(estimate, bench, priors), *estimate.notes))
 
 
@@ -108,7 +110,7 @@ def dual(
 ) -> Estimate:
     """Return the coefficients by g² alone, with what priors tell; arguments as of `joint`.
 
-    The mounting angles are given without their common part.
+    The mounting angles' common part is the mean angle beyond the head's, as good as its zero.
 
     Raises
     ------
@@ -123,6 +125,7 @@ def dual(
     square.require_told(sensor, bench, steps, priors)
     steady = by_angle.drifting(observations, bench, steps)
     estimate = least_squares(square.problem(steady, sensor, bench, steps, priors))
+    estimate = with_common_angle(estimate, observations, sensor, bench, steps)
     return replace(estimate, notes=(*notes(estimate, bench, priors), *estimate.notes))
 
 

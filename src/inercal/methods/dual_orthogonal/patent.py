@@ -74,7 +74,10 @@ def estimate(
     at_nominal = _others(replace(observations, mean=nominal), others)
     up = at_nominal.mean / np.linalg.norm(at_nominal.mean, axis=-1, keepdims=True)
     ideal = _problem(at_nominal, sensor, bench, maps, up, np.zeros(4), square.centred(priors))
-    structure = least_squares(ideal)  # refuses what is not observed
+    try:
+        structure = least_squares(ideal)
+    except NotObserved as error:
+        raise NotObserved(f"{error}: {square.PRIORS_WANTED}", error.directions) from None
     seen_there = _others(observations, others)
     fixed = held(observations.mean)
     asked = _problem(seen_there, sensor, bench, maps, up, fixed, tuple(priors))

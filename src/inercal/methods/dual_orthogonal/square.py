@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches.dividing_head import DividingHead, felt
+from inercal.benches.passes import places
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gauge, Gaussian, Problem, least_squares
 from inercal.motion import Motion
@@ -51,10 +52,12 @@ NULLS: tuple[tuple[str, dict[str, float]], ...] = (
     ("harmonic 1 of B", {"b.k0": 1.0, "b.k2": -1.0, "a.kip": -1.0}),
     ("k1 against K3", {"a.k1": 1.0, "b.k1": -1.0, "a.k3": -1.0, "b.k3": 1.0}),
 )
+PRIORS_WANTED = "kip of single tests and k3 of a centrifuge tell them; or take estimator joint"
 ANGLES = ("a.delta_o", "b.delta_o")
 _NEWTON = 4  # from an error of 1e-3 each step squares it
 _ROUNDING = 2.0**-50
 _MANY = 24  # positions that show all that there is
+_SHOWN = 1e-2  # singular value of the design; angles read anew, off by 1e-4, show nothing more
 
 
 def design(theta: Array) -> Array:
@@ -83,6 +86,7 @@ class Seen(NamedTuple):
     residual: Array  # (..., r), g − ‖f̂‖, m/s²
     jacobian: Array  # (..., r, p), ∂‖f̂‖/∂c
     by_reading: Array  # (..., r, 2), ∂‖f̂‖/∂y
+    felt: Array  # (..., r, 3), f̂
 
 
 def compare(sensor: Sensor, y: Array, c: Array, g: float) -> Seen:
@@ -113,7 +117,7 @@ def compare(sensor: Sensor, y: Array, c: Array, g: float) -> Seen:
     to_reading = np.asarray(
         np.linalg.solve(np.swapaxes(slope[..., :2], -1, -2), up[..., None])[..., 0], dtype=float
     )
-    return Seen(g - length, -(to_reading[..., None, :] @ made)[..., 0, :], to_reading)
+    return Seen(g - length, -(to_reading[..., None, :] @ made)[..., 0, :], to_reading, f)
 
 
 def problem(
@@ -207,7 +211,10 @@ def require_told(
         np.arange(r, dtype=float),
         sensor.channels,
     )
-    least_squares(problem(exact, sensor, bench, steps, centred(priors)))
+    try:
+        least_squares(problem(exact, sensor, bench, steps, centred(priors)))
+    except NotObserved as error:
+        raise NotObserved(f"{error}: {PRIORS_WANTED}", error.directions) from None
 
 
 def centred(priors: Sequence[Gaussian]) -> tuple[Gaussian, ...]:
@@ -230,14 +237,14 @@ def require_positions(sensor: Sensor, steps: Sequence[Index]) -> None:
     angles = np.array([step.angle for step in steps])
     many = 2 * np.pi * np.arange(_MANY) / _MANY
     shown, possible = (
-        int(np.linalg.matrix_rank(design(theta)[:, wanted], tol=1e-9)) for theta in (angles, many)
+        int(np.linalg.matrix_rank(design(theta)[:, wanted], tol=_SHOWN)) for theta in (angles, many)
     )
     if shown < possible:
-        different = len({round(angle % (2 * np.pi), 9) for angle in angles.tolist()})
+        different = len(set(places(steps)))
         raise NotObserved(
             f"{different} different positions show {shown} of the {possible} combinations of "
-            "coefficients that g² can, with harmonics up to the fourth; take 9 or more (40° "
-            "apart), best 12 (30°)"
+            "coefficients that g² can, with harmonics up to the fourth; take 8 or more evenly "
+            "spaced ones, best 12 (30° apart)"
         )
 
 

@@ -1,0 +1,63 @@
+"""The common mounting angle, which g² does not see: from where the head says that it stood.
+
+Two accelerometers that are compensated tell at which angle they stand. Its mean beyond the head's
+angles is their common mounting angle and what the head errs by in the mean, its zero above all.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches.dividing_head import DividingHead
+from inercal.benches.head_angles import angles
+from inercal.estimate import Estimate
+from inercal.methods.dual_orthogonal import square
+from inercal.plan import Index
+from inercal.recording import Observations
+from inercal.sensors import Sensor
+
+Array = NDArray[np.float64]
+
+
+def with_common_angle(
+    estimate: Estimate,
+    observations: Observations,
+    sensor: Sensor,
+    bench: DividingHead,
+    steps: Sequence[Index],
+) -> Estimate:
+    """Return an estimate of mounting angles ± δ/2 with their common part, and what it is known to.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Of g², whose mounting angles are without a common part.
+    observations : Observations
+        (..., r, 2), m/s².
+    sensor : Sensor
+    bench : DividingHead
+    steps : sequence of r Index
+    """
+    if not set(square.ANGLES) <= set(sensor.coefficients):
+        return estimate
+    g, stated = bench.gravity.value, angles(bench, steps)
+    p = len(sensor.coefficients)
+    felt = square.compare(sensor, observations.mean, estimate.value[..., :p], g).felt
+    beyond = np.arctan2(felt[..., 0], felt[..., 1]) - stated.nominal
+    common = np.mean((beyond + np.pi) % (2 * np.pi) - np.pi, axis=-1)
+
+    declared = bench.nuisances(steps)
+    by_bench = sum(
+        (declared[name].sd * weight.mean()) ** 2 for name, weight in stated.weights.items()
+    )
+    across = np.stack([np.cos(stated.nominal), -np.sin(stated.nominal)], axis=-1).ravel()
+    across = across / (g * len(steps))
+    variance = by_bench + across @ observations.full_covariance @ across
+    both = [estimate.names.index(name) for name in square.ANGLES]
+    value, covariance = estimate.value.copy(), estimate.covariance.copy()
+    value[..., both] += common[..., None]
+    rows, columns = np.ix_(both, both)
+    covariance[..., rows, columns] += np.asarray(variance)[..., None, None]
+    return replace(estimate, value=value, covariance=covariance)
