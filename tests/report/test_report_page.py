@@ -14,11 +14,12 @@ from inercal.benches import Hand
 from inercal.errors import InputError
 from inercal.io.write import write_recording
 from inercal.pipeline import Outcome, calibrate, named_as_in, simulate
+from inercal.pipeline.judgement import judge
 from inercal.plan import Hold
 from inercal.recording import Finding, Recording
 from inercal.report import write_report
 from inercal.report.figures import residuals
-from inercal.report.page import judge, page
+from inercal.report.page import page
 from inercal.report.sphere import attitudes, missing_faces
 from inercal.report.tables import bench, coefficients, strongest
 from inercal.report.traces import POINTS, envelope

@@ -90,8 +90,10 @@ def load(path: str | Path) -> Calibration:
         content = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise InputError(f"{path}: no such calibration file") from None
-    except (OSError, ValueError, RecursionError) as error:
-        raise InputError(f"{path}: not a calibration file: {error}") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    except (ValueError, RecursionError):
+        raise InputError(f"{path}: not a calibration file: it is no JSON text") from None
     fields = cast(dict[str, Any], content) if isinstance(content, dict) else {}
     if fields.get("schema") != SCHEMA:
         found = fields.get("schema")

@@ -29,7 +29,9 @@ def verdict(
     if estimate.groups:
         lines += _by_group(estimate, p)
     elif not estimate.dof:
-        lines.append(f"{p} coefficients found; nothing is left over to test them with")
+        lines.append(
+            f"{p} coefficients found; this estimator makes no test of how well the data agree"
+        )
     elif estimate.consistent:
         lines.append(
             f"{p} coefficients found; the data agree with the stated noise and bench "
@@ -91,16 +93,17 @@ def _chance(p: float) -> str:
 
 
 def _leading(estimate: Estimate, sensor: Sensor) -> list[str]:
-    """Name the least known coefficient of each group, in its unit."""
+    """Name the least known coefficient of each group and unit."""
     p = len(sensor.coefficients)
     measures = {axis.name: axis.measures for axis in sensor.axes}
-    groups: dict[str, list[int]] = {}
+    groups: dict[tuple[str, str], list[int]] = {}
     for k, name in enumerate(sensor.coefficients):
         kind = "accelerometer" if measures[name.partition(".")[0]] == "f" else "gyro"
-        groups.setdefault(f"{kind} {sensor.coefficient(name).group}", []).append(k)
+        line = sensor.coefficient(name)
+        groups.setdefault((f"{kind} {line.group}", line.unit), []).append(k)
     std = estimate.std[:p]
     parts: list[str] = []
-    for group, members in groups.items():
+    for (group, _), members in groups.items():
         worst = max(members, key=lambda k: float(std[k]))
         line = sensor.coefficient(sensor.coefficients[worst])
         size = digits(0.0, COVERAGE * float(std[worst]) / line.si)[1]

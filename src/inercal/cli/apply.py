@@ -10,7 +10,9 @@ NAME = "apply"
 
 def run(
     calibration_file: Path = typer.Argument(help="A *.calibration.json file."),
-    run_file: Path = typer.Argument(help="The run file whose [data] names recording and columns."),
+    run_file: Path = typer.Argument(
+        help="The run file whose \\[data] names recording and columns."
+    ),
     out: Path = typer.Option(..., "--out", "-o", help="The corrected recording to write."),
     json: bool = typer.Option(False, "--json", help="Print one JSON object."),
 ) -> None:
@@ -36,4 +38,6 @@ def run(
         as_json({"recording": str(out), "samples": int(corrected.time.size), "warnings": warnings})
     else:
         units = ", ".join(dict.fromkeys(corrected.units))
-        print(f"wrote {out}: {corrected.time.size} samples in {units}")
+        across = sum(name.startswith("f") for name in corrected.channels) in (1, 2)
+        alone = "; what acts across these axes was taken as nothing" * across
+        print(f"wrote {out}: {corrected.time.size} samples in {units}{alone}")

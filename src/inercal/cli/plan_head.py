@@ -51,6 +51,8 @@ def _files(out: Path, *, force: bool) -> dict[str, Path]:
         raise InputError(f"--out {out}: name a .csv; the page is written beside it")
     files = {"sheet": out, "page": out.with_suffix(".html")}
     for path in files.values():
+        if path.is_dir():
+            raise InputError(f"{path} is a folder; name another with --out")
         if path.exists() and not force:
             raise InputError(
                 f"{path} exists: name another with --out, or write over it with --force"
@@ -64,9 +66,9 @@ def _write(sheet: "Worksheet", files: Mapping[str, Path]) -> None:
     from inercal.report import write_worksheet
 
     table = as_csv(sheet)
-    write_worksheet(sheet, files["page"], files["sheet"].name)
     with atomic_write(files["sheet"]) as temporary:
         temporary.write_text(table, encoding="utf-8")
+    write_worksheet(sheet, files["page"], files["sheet"].name)
 
 
 def _as_object(sheet: "Worksheet") -> dict[str, Any]:

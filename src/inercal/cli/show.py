@@ -10,6 +10,9 @@ if TYPE_CHECKING:
     from inercal.pipeline import Outcome
 
 
+_COLOURS = {"good": "green", "care": "yellow", "bad": "red"}
+
+
 @contextmanager
 def working(what: str) -> Generator[Callable[[str], None]]:
     """Show on standard error what is going on, while it does; give what changes the words."""
@@ -31,6 +34,7 @@ def as_table(outcome: "Outcome", truth: Mapping[str, float]) -> None:
     from rich.table import Table
 
     from inercal.calibration.verdict import COVERAGE
+    from inercal.pipeline.judgement import judge
     from inercal.units import digits
 
     calibration = outcome.calibration
@@ -57,6 +61,8 @@ def as_table(outcome: "Outcome", truth: Mapping[str, float]) -> None:
     console = Console()
     console.print(table)
     summary, *others = outcome.verdict
+    judgement = judge(outcome)
+    console.print(f"[bold {_COLOURS[judgement.tone]}]{judgement.word}[/]")
     console.print(f"[bold]{_plain(summary)}[/bold]")
     for text in others:
         console.print(f"· {_plain(text)}")

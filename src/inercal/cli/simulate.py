@@ -8,9 +8,9 @@ NAME = "simulate"
 
 
 def run(
-    run_file: Path = typer.Argument(help="The run file (TOML); [sensor.truth] is the truth."),
+    run_file: Path = typer.Argument(help="The run file (TOML); \\[sensor.truth] is the truth."),
     out: Path | None = typer.Option(
-        None, "--out", "-o", help="The recording to write (.csv, .npz, .parquet); [data] file."
+        None, "--out", "-o", help="The recording to write (.csv, .npz, .parquet); \\[data] file."
     ),
     seed: int = typer.Option(0, help="Seed of the noise and of the bench's errors."),
     force: bool = typer.Option(False, "--force", help="Write over an existing recording."),

@@ -21,13 +21,14 @@ METHODS: Mapping[str, Method[Any, Any]] = {
 
 
 def method(name: str) -> Method[Any, Any]:
-    """Return a method by name.
+    """Return a method by name, hyphens being as good as underscores.
 
     Raises
     ------
     InputError
         No such method; the message lists those there are.
     """
+    name = name.replace("-", "_")
     if name not in METHODS:
         raise InputError(f"no method {name!r}; there are {', '.join(METHODS)}")
     return METHODS[name]

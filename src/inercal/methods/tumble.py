@@ -57,6 +57,7 @@ from inercal.estimate import least_squares as solve
 from inercal.methods import by_angle
 from inercal.methods import tumble_harmonics as harmonics
 from inercal.methods._base import Method
+from inercal.methods.dual_orthogonal import together
 from inercal.methods.observed import require_observed
 from inercal.motion import Motion
 from inercal.plan import Index
@@ -108,7 +109,8 @@ def least_squares(
         require_observed(estimate, sensor, missing=())
     except NotObserved as error:
         raise harmonics.refusal(sensor, error.directions, angle, "give a prior") from None
-    return replace(estimate, notes=(*harmonics.notes(angle), *estimate.notes))
+    told = (*harmonics.notes(angle), *together.notes(estimate, bench, priors))
+    return replace(estimate, notes=(*told, *estimate.notes))
 
 
 def fourier(

@@ -166,7 +166,7 @@ def _column_rate(run: Run) -> float | None:
     if run.rate_hz is None and not stamped:
         raise InputError(
             f'{run.path}: [data] rate is missing, such as "100 Hz"; or name the time column, '
-            'time = "…" (and time_unit)'
+            'time = "…" (and time_unit); a table of means is kind = "means"'
         )
     return None if stamped else run.rate_hz
 

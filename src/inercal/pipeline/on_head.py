@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches import DividingHead
-from inercal.benches.passes import CARDINAL, SAME, beyond_turns, lacking, pass_names
+from inercal.benches.passes import CARDINAL, SAME, beyond_turns, lacking, pass_names, places
 from inercal.errors import InputError
 from inercal.io.marks import as_read, marks_from_file
 from inercal.io.means import means_of, read_columns
+from inercal.io.table import Table
+from inercal.pipeline.head_checks import require_phases, require_small, tell_apart
 from inercal.pipeline.inputs import (
     Gathered,
     columns,
@@ -27,14 +29,9 @@ from inercal.plan import Index
 from inercal.recording import Finding, Mark, Observations, Recording
 from inercal.runfile import Run
 from inercal.segments import check_marks, find_rests, marks_from_labels, observe
-from inercal.sensors import G0
 from inercal.units import readable
 
 Array = NDArray[np.float64]
-_STEADY = 1e-5  # rad, 2″: the head stood still
-_PHASE = 10 * pi / 180  # no fixture is further off
-_SWING = (0.5, 2.0)  # times g
-_FEWEST = 3  # positions that tell a phase
 
 
 def gather(run: Run, bench: DividingHead) -> Gathered:
@@ -47,17 +44,29 @@ def gather(run: Run, bench: DividingHead) -> Gathered:
     """
     if run.data.seconds is not None:
         raise InputError(f"{run.path}: [data] seconds: a dividing head stands still; leave it out")
-    made = _table(run, bench) if run.data.kind == "means" else _recording(run, bench)
+    _require_own_columns(run)
+    made = _table(run, bench) if run.data.kind == "means" else _recording(run)
     recording, marks, observations, steps, findings = made
-    _require_collimated(run, bench, steps)
-    _require_phases(run, observations, steps)
+    require_small(run, steps)
+    findings += _uncollimated(run, bench, steps)
+    require_phases(run, observations, steps)
+    findings += tell_apart(observations, run.sensor, bench, steps)
     conditions = _conditions(run, bench, steps)
     return Gathered(recording, marks, observations, steps, steps, findings, conditions)
 
 
+_TURNS = 60.0  # rad; no run turns so often
 _Made = tuple[
     Recording | None, tuple[Mark, ...], Observations, tuple[Index, ...], tuple[Finding, ...]
 ]
+
+
+def _require_own_columns(run: Run) -> None:
+    """Refuse a column that is named for two things."""
+    used = [str(column) for column in run.data.accelerometer] + list(readback_columns(run).values())
+    twice = [column for column, count in Counter(used).items() if count > 1]
+    if twice:
+        raise InputError(f"{run.path}: [data] names column {twice[0]!r} for two things")
 
 
 def _table(run: Run, bench: DividingHead) -> _Made:
@@ -65,6 +74,7 @@ def _table(run: Run, bench: DividingHead) -> _Made:
     wanted = columns(run)
     path = run.file(run.data.file)
     table = read_columns(path, wanted, list(named.values()))
+    _require_filled(run, table)
     said = {name: table.numbers(column) * units[name] for name, column in named.items()}
     for name, values in said.items():
         bad = ~np.isfinite(values)
@@ -76,6 +86,7 @@ def _table(run: Run, bench: DividingHead) -> _Made:
                 f"{path} line {table.first_line + int(np.argmax(bad))}: column {named[name]!r} "
                 f"holds no number; {_WANTED[name]}"
             )
+    _require_unit(run, said["angle"] / units["angle"])
     names = None
     if wanted.label is not None:
         names = [plain(value) for value in table.columns[wanted.label].tolist()]
@@ -89,35 +100,71 @@ def _table(run: Run, bench: DividingHead) -> _Made:
 _WANTED = {
     "angle": "give the head's angle or take the row out",
     "level": "give what the level read or take the row out",
-    "autocollimator": "give what it read, or state [bench] autocollimation without this position",
+    "autocollimator": "give what it read there, as [bench] autocollimation says",
 }
 
 
-def _recording(run: Run, bench: DividingHead) -> _Made:
+def _require_filled(run: Run, table: Table) -> None:
+    names = [str(column) for column in run.data.accelerometer]
+    read = [table.columns[name] for name in names]
+    if all(column.dtype.kind == "f" and not np.isfinite(column).any() for column in read):
+        raise InputError(
+            f"{run.file(run.data.file)}: columns {', '.join(names)} are empty: fill the sheet in"
+        )
+
+
+def _require_unit(run: Run, angle: Array) -> None:
+    """Refuse angles that are in the other unit than stated: a turn is 6.28 rad or 360°."""
+    reach, given = float(np.abs(angle).max(initial=0.0)), run.data.angle_unit
+    little = given in ("°", "deg") and angle.size > len(CARDINAL) and reach < 2 * pi
+    if little or (given == "rad" and reach > _TURNS):
+        other = "rad" if little else "°"
+        raise InputError(
+            f"{run.path}: [data] angle_unit: angles of up to {reach:.4g} {given}: are they in "
+            f'{other}? Then state angle_unit = "{other}"'
+        )
+
+
+def _recording(run: Run) -> _Made:
     recording, units = load_recording(run), readback_units(run)
     said = {name: values * units[name] for name, values in recording.readback.items()}
-    if run.data.marks == "found":
+    found = run.data.marks == "found"
+    if found:
         marks = find_rests(recording, run.sensor).marks
     elif run.data.marks == "labels":
         marks = marks_from_labels(recording)
     else:
         marks = as_read(marks_from_file(run.file(run.data.marks)), recording)
     check_marks(marks, recording, [mark.label for mark in marks])
-    for mark in marks:
-        if np.ptp(said["angle"][mark.start : mark.stop]) > _STEADY:
-            raise InputError(
-                f"{recording.source}: section {mark.label} ({recording.where(mark.start)}): the "
-                "head's angle changes; mark only the time at one position"
-            )
-    means = {
-        name: np.array([values[mark.start : mark.stop].mean() for mark in marks])
-        for name, values in said.items()
-    }
-    found = run.data.marks == "found"
+    angle = np.array([_angle(recording, mark, said["angle"]) for mark in marks])
+    means = {name: _means(values, marks) for name, values in said.items()} | {"angle": angle}
     steps = _steps(None if found else [mark.label for mark in marks], means)
     marks = tuple(replace(m, label=step.label) for m, step in zip(marks, steps, strict=True))
     observations = observe(recording, run.sensor, marks, steps, found=found)
     return recording, marks, observations, steps, recording.findings
+
+
+def _means(values: Array, marks: Sequence[Mark]) -> Array:
+    return np.array([values[mark.start : mark.stop].mean() for mark in marks])
+
+
+def _angle(recording: Recording, mark: Mark, angle: Array) -> float:
+    """Return the mean angle of a section, rad; an encoder may flicker, and read 359.999° for 0°.
+
+    Raises
+    ------
+    InputError
+        The head moves within the section.
+    """
+    own = angle[mark.start : mark.stop]
+    away = (own - own[0] + pi) % (2 * pi) - pi
+    part = max(away.size // 4, 1)
+    if abs(np.median(away[:part]) - np.median(away[-part:])) > SAME or np.ptp(away) > 20 * SAME:
+        raise InputError(
+            f"{recording.source}: section {mark.label} ({recording.where(mark.start)}): the "
+            "head's angle changes; mark only the time at one position"
+        )
+    return float(own[0] + away.mean())
 
 
 def _steps(names: Sequence[str] | None, said: Mapping[str, Array]) -> tuple[Index, ...]:
@@ -127,7 +174,7 @@ def _steps(names: Sequence[str] | None, said: Mapping[str, Array]) -> tuple[Inde
     if names is None:
         once = [
             f"{degrees:.6g}° {'forward' if s > 0 else 'reverse'}"
-            for degrees, s in zip((angle * 180 / pi).tolist(), sense, strict=True)
+            for degrees, s in zip((angle * 180 / pi).round(3).tolist(), sense, strict=True)
         ]
         count: Counter[str] = Counter()
         names = []
@@ -165,64 +212,39 @@ def _collimated(bench: DividingHead, angle: Array) -> NDArray[np.bool_]:
     return np.array(cardinal) & (bench.collimated == "pairs")
 
 
-def _require_collimated(run: Run, bench: DividingHead, steps: Sequence[Index]) -> None:
-    """Refuse a pass that lacks a position by which the head is trimmed."""
+def _uncollimated(run: Run, bench: DividingHead, steps: Sequence[Index]) -> tuple[Finding, ...]:
+    """Return what passes lack of the positions by which the head is trimmed.
+
+    Raises
+    ------
+    InputError
+        No pass has one of them.
+    """
     if bench.collimated != "pairs":
-        return
-    for name, angles in lacking(steps).items():
-        missing = ", ".join(f"{angle * 180 / pi:.0f}°" for angle in angles)
-        raise InputError(
-            f"{run.path}: [bench] autocollimation is by pairs, 180° as 0° and 270° as 90° in each "
-            f"pass; {name} has no {missing}: add it to {run.data.file}, or state "
-            '"none" or "every"'
+        return ()
+    found: list[Finding] = []
+    for name, missing in lacking(steps).items():
+        words = ", ".join(f"{angle * 180 / pi:.0f}°" for angle in missing)
+        away = [c for c in missing if not any(beyond_turns(c - s.angle) < SAME for s in steps)]
+        text = (
+            "autocollimation is by pairs, 180° as 0° and 270° as 90° in each pass; "
+            f"{name} has no {words}"
         )
-
-
-def _require_phases(run: Run, observations: Observations, steps: Sequence[Index]) -> None:
-    """Refuse accelerometers that do not swing by 1 g with the phase at which they are mounted."""
-    angle = np.array([step.angle for step in steps])
-    basis = np.stack([np.ones_like(angle), np.sin(angle), np.cos(angle)], axis=-1)
-    if np.linalg.matrix_rank(basis, tol=1e-6) < _FEWEST:
-        return
-    _, sine, cosine = np.linalg.lstsq(basis, observations.mean, rcond=None)[0]
-    most = [float(a) for a in np.arctan2(sine, cosine) * 180 / pi % 360]  # where each reads most
-    wanted = [90.0, 0.0]
-    where = f"{run.path}: [data] accelerometer"
-    given = [str(column) for column in run.data.accelerometer]
-    off = [abs((a - w + 180) % 360 - 180) for a, w in zip(most, wanted, strict=False)]
-    limit = _PHASE * 180 / pi
-    if max(off) > limit:
-        crossed = len(most) > 1 and all(
-            abs((a - w + 180) % 360 - 180) < limit
-            for a, w in zip(most, reversed(wanted), strict=True)
-        )
-        first, *second = most
-        if crossed:
+        if away:
             raise InputError(
-                f"{where}: {given[0]} and {given[1]} are swapped: {given[0]} reads most at "
-                f"{first:.0f}° and {given[1]} at {second[0]:.0f}°, where A reads most at 90° and B "
-                f'at 0°; write ["{given[1]}", "{given[0]}"]'
+                f'{run.path}: [bench] {text}: add it to {run.data.file}, or state "none" or "every"'
             )
-        k = int(np.argmax(off))
-        raise InputError(
-            f"{where}: {given[k]} reads most at {most[k]:.0f}°, where {'AB'[k]} reads most at "
-            f"{wanted[k]:.0f}°: the head counts the other way, or {given[k]} is mounted otherwise"
-        )
-    swing = np.hypot(sine, cosine) / G0
-    if not ((swing > _SWING[0]) & (swing < _SWING[1])).all():
-        k = int(np.argmax(np.abs(np.log(swing))))
-        raise InputError(
-            f"{where}: {given[k]} swings by {swing[k]:.3g} g in the field of gravity, not by 1 g; "
-            "look at the unit and the scale in [sensor.accelerometer]"
-        )
+        found.append(Finding("warning", "pairs", text))
+    return tuple(found)
 
 
 def _conditions(run: Run, bench: DividingHead, steps: Sequence[Index]) -> dict[str, str]:
-    different = len({round(step.angle % (2 * pi), 6) for step in steps})
     count = len(pass_names(steps))
+    g = bench.gravity
     found = {
-        "gravity": readable(bench.gravity.value, bench.gravity.sd, "m/s²"),
-        "positions": f"{different}, in {count} pass{'es' * (count > 1)}",
+        "gravity": readable(g.value, g.sd, "m/s²") + (" (taken as exact)" if g.sd == 0 else ""),
+        "positions": f"{len(set(places(steps)))}, {len(steps)} rows in {count} "
+        f"pass{'es' * (count > 1)}" + (": drift does not cancel" if count == 1 else ""),
         "head's error, rms (k = 1)": f"{bench.rms * 648_000 / pi:.3g} ″",
         "autocollimation": bench.collimated,
     }

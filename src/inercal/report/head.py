@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from inercal.benches import DividingHead
 from inercal.benches.head_angles import angles
 from inercal.benches.passes import pass_names, passes
+from inercal.calibration.verdict import COVERAGE
 from inercal.pipeline import Outcome
 from inercal.plan import Index
 from inercal.report import drawing
@@ -19,7 +20,6 @@ from inercal.sensors import G0
 
 Array = NDArray[np.float64]
 _ARCSEC = pi / 648_000
-_COVERAGE = 2.0
 
 
 def steps_of(outcome: Outcome) -> list[Index]:
@@ -60,7 +60,7 @@ def head(outcome: Outcome, bench: DividingHead) -> Markup | None:
         own = which == k
         shift = 3.0 * (k - (len(names) - 1) / 2)
         axes.errorbar(turned[own] + shift, error[own] / _ARCSEC,
-                      yerr=_COVERAGE * sd[own] / _ARCSEC, fmt=SHAPES[k % 3], ms=4.5,
+                      yerr=COVERAGE * sd[own] / _ARCSEC, fmt=SHAPES[k % 3], ms=4.5,
                       mfc=AXES[k % 3], mec=PAPER, mew=0.4, ecolor=AXES[k % 3], elinewidth=0.8,
                       label=name)  # fmt: skip
     axes.set_xlim(-12, 372)
@@ -75,9 +75,9 @@ def in_words(step: Index, outcome: Outcome, row: int) -> str:
     """Return what a position was and what was read there: "head at 30°, forward; a 0.5 g"."""
     text = step.in_words()
     if step.level:
-        text += f"; level {step.level / _ARCSEC:+.3g}″"
+        text += f"; level {step.level / _ARCSEC:+.2f}″"
     if step.reading:
-        text += f"; autocollimator {step.reading / _ARCSEC:+.3g}″"
+        text += f"; autocollimator {step.reading / _ARCSEC:+.2f}″"
     observed = outcome.observations
     readings = [
         f"{channel} {value / G0:.7f} g"

@@ -13,6 +13,7 @@ from markupsafe import Markup
 from inercal.benches import DividingHead
 from inercal.methods.observed import NOISE_ALONE
 from inercal.pipeline import Outcome
+from inercal.pipeline.judgement import judge
 from inercal.plan import Hold, Index, Spin, Step, Turn
 from inercal.report import head as on_head
 from inercal.report import tables
@@ -20,17 +21,6 @@ from inercal.report.figures import correlations, departures, residuals
 from inercal.report.sphere import Attitude, attitudes, missing_faces, sphere
 from inercal.report.traces import scatters, traces
 from inercal.sensors import G0
-
-_DOUBTFUL = 2.0  # Birge ratio: more than this, and the stated noise or model is not to be believed
-
-
-@dataclass(frozen=True)
-class Judgement:
-    """The verdict box: its colour ("good", "care" or "bad"), a word, and the lines."""
-
-    tone: str
-    word: str
-    lines: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -65,6 +55,7 @@ def page(outcome: Outcome, truth: Mapping[str, float] | None) -> str:
     recording = outcome.recording
     chosen = calibration.sensor.coefficients
     return template.render(
+        minus=tables.minus,
         css=Markup((folder / "page.css").read_text(encoding="utf-8")),
         calibration=calibration,
         sensor=calibration.sensor,
@@ -87,6 +78,7 @@ def page(outcome: Outcome, truth: Mapping[str, float] | None) -> str:
         spheres=(sphere(found, 1), sphere(found, -1)) if found else (),
         sections=sections(outcome, found),
         missing=missing_faces(found),
+        turned_too=any(axis.measures == "w" for axis in calibration.sensor.axes),
         turned=any(isinstance(step, Turn) for step in outcome.steps),
         norms=by_norm(outcome),
         placed=any(not isnan(attitude.off) for attitude in found),
@@ -108,30 +100,6 @@ def by_norm(outcome: Outcome) -> bool:
     """Whether the residuals are of the norms of readings, one a row."""
     rows, axes = len(outcome.observations.labels), len(outcome.observations.channels)
     return axes > 1 and outcome.estimate.whitened.size == rows
-
-
-def judge(outcome: Outcome) -> Judgement:
-    """Return the verdict with its colour.
-
-    "bad": the fit did not converge, the audit refused something, a scale is far from nominal, or
-    the Birge ratio doubled uncertainties. "care": a warning, residuals larger than stated, or
-    no residuals to judge by. Else "good".
-    """
-    estimate = outcome.estimate
-    severities = {finding.severity for finding in outcome.findings}
-    scales = [
-        1 + outcome.calibration.value(name)
-        for name in outcome.calibration.sensor.coefficients
-        if name.partition(".")[2] in ("k1", "scale")
-    ]
-    far = any(not 0.5 < scale < 2 for scale in scales)
-    if not estimate.converged or "refused" in severities or far or estimate.birge > _DOUBTFUL:
-        return Judgement("bad", "Not to be relied on as it is", outcome.verdict)
-    if not estimate.dof:
-        return Judgement("care", "Usable, but untested", outcome.verdict)
-    if "warning" in severities or not estimate.consistent:
-        return Judgement("care", "Usable, with reservations", outcome.verdict)
-    return Judgement("good", "Consistent with noise and bench as stated", outcome.verdict)
 
 
 def facts(outcome: Outcome) -> list[tuple[str, str]]:

@@ -143,8 +143,17 @@ def bench(outcome: Outcome) -> tuple[list[Grid], dict[str, list[tuple[str, float
         if scope == "turn":
             names += free
         if names:
+            names = sorted(names, key=lambda name: _row_of(name, outcome))
             grids.append(_by_label(estimate, title, names, known))
-    return grids, pulls
+    order = ["run", *outcome.observations.labels]
+    rank = {label: k for k, label in enumerate(order)}
+    return grids, dict(sorted(pulls.items(), key=lambda item: rank.get(item[0], len(rank))))
+
+
+def _row_of(name: str, outcome: Outcome) -> int:
+    """Return the row of the observations that a parameter belongs to; the first for others."""
+    label, labels = name.rstrip("]").partition("[")[2], outcome.observations.labels
+    return labels.index(label) if label in labels else 0
 
 
 def _shown(parameter: Parameter | None) -> tuple[str, float]:

@@ -5,7 +5,7 @@ names the file, the key and what is possible there.
 """
 
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from hashlib import sha256
@@ -178,12 +178,13 @@ def _build(path: Path, digest: str, schema: RunSchema) -> Run:
     for name, text in schema.method.prior.items():
         value = coefficient_value(part, name, text, "[method.prior]")
         if value.sd == 0:
-            raise InputError(f"[method.prior] {name}: {text!r} has no uncertainty; write ± one")
+            raise InputError(f"[method.prior] {name}: {text!r} has no uncertainty; write ± and one")
         priors.append(Gaussian((name,), np.array([value.value]), np.array([[value.sd**2]])))
     if schema.method.prior_file is not None:
         priors.append(static_prior(path.parent / schema.method.prior_file, part))
     for file, names in schema.method.prior_from.items():
         priors.append(prior_from(path.parent / file, names, part))
+    _require_once(priors)
     truth = {
         name: coefficient_value(whole.with_coefficients(name), name, text, "[sensor.truth]").value
         for name, text in schema.sensor.truth.items()
@@ -214,6 +215,17 @@ def _build(path: Path, digest: str, schema: RunSchema) -> Run:
         time_offset=schema.method.time_offset,
         planned=any(getattr(schema.method, key) is not None for key, _, _ in _PLAN),
     )
+
+
+def _require_once(priors: Sequence[Gaussian]) -> None:
+    """Refuse a coefficient that two sources tell: they may be one and the same."""
+    names = [name for prior in priors for name in prior.names]
+    twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
+    if twice:
+        raise InputError(
+            f"[method] {', '.join(twice)}: given by several of prior, prior_file and prior_from; "
+            "keep one source of each coefficient"
+        )
 
 
 def _axes(columns: tuple[str | int, ...], bench: Bench) -> int | None:

@@ -22,6 +22,7 @@ from inercal.units import Measured, factor, parse
 _QUANTITY = {"accelerometer": "m/s²", "gyro": "rad/s"}
 _EXAMPLE = {"accelerometer": "2048 {}/g", "gyro": "16.4 {}/(°/s)"}
 _LARGEST_TILT = 0.0175  # rad
+_LARGEST_DRIFT = 0.1  # m/s²
 _FEWEST_FACES = 3  # of a polygon
 _COUNTS = ("LSB", "V")  # an output that is no acceleration or rate: it needs a scale
 
@@ -137,8 +138,11 @@ def build_bench(section: BenchSection, folder: Path) -> Bench:
 def _dividing_head(section: DividingHeadSection, folder: Path) -> DividingHead:
     key = "[bench] harmonics"
     harmonics = tuple(si_value(text, "°", key) for text in section.harmonics)
-    if any(sd < 0 for sd in harmonics):
-        raise InputError(f"{key}: {section.harmonics} must not be negative")
+    if not all(0 <= sd <= _LARGEST_TILT for sd in harmonics):
+        raise InputError(f"{key}: {', '.join(section.harmonics)}: give each from 0 to 1°")
+    drift = _deviation(section, "drift", "m/s²")
+    if drift > _LARGEST_DRIFT:
+        raise InputError(f"[bench] drift: {section.drift!r} is more than a bias can drift, 10 mg")
     polygon: tuple[float, ...] = ()
     if section.polygon is not None:
         if section.autocollimation == "none":
@@ -152,14 +156,14 @@ def _dividing_head(section: DividingHeadSection, folder: Path) -> DividingHead:
         harmonics=harmonics,
         collimated=section.autocollimation,
         polygon=polygon,
-        certificate=_deviation(section, "certificate", "°"),
+        certificate=_small(section, "certificate"),
         division=_small(section, "division"),
         autocollimator=_small(section, "autocollimator"),
         base=_small(section, "base"),
         pier=_small(section, "pier"),
         creep=_small(section, "creep"),
         lean=_small(section, "lean"),
-        drift=_deviation(section, "drift", "m/s²"),
+        drift=drift,
     )
 
 
@@ -171,7 +175,10 @@ def _polygon(path: Path, unit: str) -> tuple[float, ...]:
     InputError
         A table without columns `face` and `deviation`, or whose faces are not 1 to n in order.
     """
-    table = read_table(path)
+    try:
+        table = read_table(path)
+    except InputError as error:
+        raise InputError(f"[bench] polygon: {error}") from None
     for name in ("face", "deviation"):
         if name not in table.columns:
             raise InputError(

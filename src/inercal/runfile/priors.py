@@ -1,7 +1,7 @@
 """Priors that a run file takes from calibration files, with their covariance."""
 
 from collections.abc import Mapping
-from math import isclose
+from math import isclose, pi
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +10,7 @@ from inercal.calibration.files import load
 from inercal.errors import InputError
 from inercal.estimate import Gaussian
 from inercal.methods import centrifuge_norm
-from inercal.sensors import Axis, Sensor
+from inercal.sensors import G0, Axis, Sensor
 
 
 def static_prior(path: Path, sensor: Sensor) -> Gaussian:
@@ -75,8 +75,17 @@ def prior_from(path: Path, taken: Mapping[str, str], sensor: Sensor) -> Gaussian
         ):
             if name not in one.coefficients:
                 raise InputError(f"{key}: no {name!r}; {whose} {', '.join(one.coefficients)}")
-        if ours.partition(".")[2] != theirs.partition(".")[2]:
+        term = ours.partition(".")[2]
+        if term != theirs.partition(".")[2]:
             raise InputError(f"{key}: {ours} and {theirs} are not of one kind")
+        if term.startswith("delta"):
+            raise InputError(f"{key}: {ours} is of the fixture, not of the accelerometer")
+        turned = any(".delta" in name for name in known.sensor.coefficients)
+        if term == "k1" and turned and known.sensor.form != sensor.form:
+            raise InputError(
+                f"{key}: {theirs} is of the {known.sensor.form} form, in which a misalignment is "
+                f"part of k1; calibrate that sensor in the {sensor.form} form"
+            )
         mine, other = (
             next(axis for axis in one.axes if axis.name == name.partition(".")[0])
             for name, one in ((ours, sensor), (theirs, known.sensor))
@@ -94,5 +103,11 @@ def _require_alike(key: str, path: Path, axis: Axis, other: Axis) -> None:
     if not (isclose(theirs.scale, mine.scale) and isclose(theirs.offset, mine.offset)):
         raise InputError(
             f"{key}: {path.name} has another nominal scale or offset of {axis.name}: "
-            f"{theirs.scale:.6g} and {theirs.offset:g}, not {mine.scale:.6g} and {mine.offset:g}"
+            f"{_in_words(other)}, not {_in_words(axis)}; coefficients refer to it"
         )
+
+
+def _in_words(axis: Axis) -> str:
+    size, per = (G0, "g") if axis.measures == "f" else (pi / 180, "(°/s)")
+    readout = axis.readout
+    return f"{readout.scale * size:.6g} {readout.unit}/{per} and {readout.offset:g}"

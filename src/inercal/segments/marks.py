@@ -29,7 +29,8 @@ def marks_from_labels(recording: Recording) -> tuple[Mark, ...]:
         if mark.label in seen:
             raise InputError(
                 f"{recording.source}: label {mark.label!r} returns at "
-                f"{recording.where(mark.start)}; each label marks one unbroken section"
+                f"{recording.where(mark.start)}; each label marks one unbroken section; "
+                "leave it empty between sections"
             )
         seen.add(mark.label)
     return tuple(marks)

@@ -45,6 +45,7 @@ def reproduce(name: str, trials: int = TRIALS, seed: int = 0, say: Say = _unsaid
     InputError
         No such study, or fewer than 20 trials.
     """
+    name = name.replace("_", "-")
     if name not in STUDIES:
         raise InputError(f"no study {name!r}; there are {', '.join(STUDIES)}")
     if trials < _FEWEST:

@@ -11,12 +11,12 @@ from typing import NamedTuple
 import numpy as np
 
 from inercal.benches.dividing_head import DividingHead
+from inercal.calibration.verdict import COVERAGE
 from inercal.estimate import Estimate, Gaussian
 from inercal.methods.dual_orthogonal.square import ANGLES
 from inercal.units import readable
 
 _BETTER = 3.0  # times better known together than alone
-_COVERAGE = 2.0
 
 
 class Together(NamedTuple):
@@ -62,7 +62,7 @@ def notes(estimate: Estimate, bench: DividingHead, priors: Sequence[Gaussian]) -
     if estimate.value.ndim != 1:
         return ()
     found = together(estimate, bench.gravity.value)
-    k = _COVERAGE * float(estimate.birge)
+    k = COVERAGE * float(estimate.birge)
     gains = [one for one in found if one.terms != ANGLES[::-1]]
     said: list[str] = []
     if gains:

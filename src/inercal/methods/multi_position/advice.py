@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtrc
 
+from inercal.calibration.verdict import COVERAGE
 from inercal.estimate import Estimate
 from inercal.methods.multi_position.coverage import Errors, next_attitudes
 from inercal.methods.multi_position.missing import attitudes_in_words
@@ -15,7 +16,6 @@ from inercal.units import digits
 Array = NDArray[np.float64]
 _BETTER = 1.5  # times: less gain is not worth the hand's trouble
 _EXTRA = 3  # attitudes advised where a result is weak
-_COVERAGE = 2.0  # k of the expanded uncertainties that are told
 _CHANCE = 1e-3  # that rates without a sensitivity look like it
 
 
@@ -41,7 +41,7 @@ def advice(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
         return ()
     name = sensor.coefficients[k]
     line = sensor.coefficient(name)
-    sizes_told = [digits(0.0, _COVERAGE * float(sd[k]) / line.si)[1] for sd in (old, new)]
+    sizes_told = [digits(0.0, COVERAGE * float(sd[k]) / line.si)[1] for sd in (old, new)]
     return (
         f"{name} is known poorly: {attitudes_in_words(more)} would bring its U from "
         f"{sizes_told[0]} to {sizes_told[1]} {line.unit}",
