@@ -104,6 +104,7 @@ def rows(bench: DividingHead, steps: Sequence[Index], recorded: bool) -> tuple[R
 def sexagesimal(angle: float) -> str:
     """Return an angle, rad, in whole degrees, and in minutes and seconds where it is not whole.
 
+    >>> from math import pi
     >>> [sexagesimal(pi / x) for x in (2, 8, 7)]
     ['90°', '22° 30′', '25° 42′ 51.43″']
     """
