@@ -7,7 +7,7 @@ nuisance with its standard deviation as the prior, and the Type B budget lists i
 from dataclasses import dataclass
 from typing import Literal
 
-Scope = Literal["run", "position", "turn", "dwell", "pass"]
+Scope = Literal["run", "position", "turn", "dwell", "pass", "mounting", "speed"]
 
 
 @dataclass(frozen=True)
@@ -21,8 +21,8 @@ class Parameter:
         Unit of `value` and `sd`, in SI.
     sd : float
         Standard deviation; 0 is exactly known.
-    scope : "run", "position", "turn", "dwell" or "pass"
-        What shares one value; another position (turn, dwell, pass) draws another, independent one.
+    scope : "run", "position", "turn", "dwell", "pass", "mounting" or "speed"
+        What shares one value; another position (turn, dwell, …) draws another, independent one.
     value : float
         Expected value.
     meaning : str

@@ -50,11 +50,12 @@ class Attitude:
     """An attitude on the arm of a centrifuge: body directions of what is outwards, and of up.
 
     `out` (unit vector) points from the spindle to the sensor, `up` (unit vector, at right angles)
-    along the spindle.
+    along the spindle. Attitudes of different names were mounted apart; "" has none.
     """
 
     out: Vector
     up: Vector
+    name: str = ""
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,164 @@
+"""How a triad is mounted on a rate table, as data, and the plans of the ship-model source.
+
+A plane names the axis that points at the centre, then the one that lies level beside it: in "XY"
+and "YX" Z is up, in "ZY" X is. With e_r the axis toward the centre, e_n the one up and
+e_t = e_n × e_r, a tilt α about the tangential direction makes::
+
+    centre = cos α e_r − sin α e_n,   up = sin α e_r + cos α e_n
+
+so that e_r feels A cos α + sin α and e_n −A sin α + cos α, in g. A tilt about the radial direction
+leaves the centre along e_r, and up = cos α e_n + sin α e_t.
+
+The source has one pose of two tilts, "XY at 135° to the plane of rotation and ZY at 45°", and does
+not say how. Three readings of a second tilt β:
+
+* dihedral: both are angles between planes, up·e_n = cos α and up·e_r = cos β; at 135° and 45° this
+  is the pose of 135° alone, again;
+* azimuth: tilted by α, then turned by β about the vertical, so that
+  centre = cos β centre_α + sin β e_t;
+* successive: tilted by α, then by β about the radial direction: up = cos β up_α + sin β e_t.
+
+Source: Xiao Changrun, Liu Yang, Liu Ruijie, Transducer and Microsystem Technologies 33(10), 2014,
+sections 3.1 and 3.2.
+"""
+
+from collections.abc import Sequence
+from math import degrees, pi, radians
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.errors import InputError
+from inercal.plan import AXES, Attitude, Spin
+
+Plane = Literal["XY", "YX", "ZY"]
+Reading = Literal["azimuth", "dihedral", "successive"]
+About = Literal["tangential", "radial"]
+PLANES: dict[Plane, tuple[str, str]] = {"XY": ("x", "z"), "YX": ("y", "z"), "ZY": ("z", "x")}
+RPM = pi / 30  # rad/s
+FAST, SLOW = 86.0, 46.0  # r/min
+
+
+def mounting(
+    plane: Plane,
+    tilt: float = 0.0,
+    second: float | None = None,
+    *,
+    reading: Reading = "azimuth",
+    about: About = "tangential",
+) -> Attitude:
+    """Return the attitude of a mounting, named like "XY", "XY30" or "XY135+45".
+
+    Parameters
+    ----------
+    plane : "XY", "YX" or "ZY"
+    tilt : float
+        Of the plane to the plane of rotation, rad.
+    second : float, optional
+        A second tilt, rad; the first one is then about the tangential direction.
+    reading : "azimuth", "dihedral" or "successive"
+        What the second tilt is.
+    about : "tangential" or "radial"
+        What the only tilt is about.
+
+    Raises
+    ------
+    InputError
+        Another plane, or two dihedral angles that no pose has.
+    """
+    if plane not in PLANES:
+        raise InputError(f"mounting {plane!r}; there are {', '.join(PLANES)}")
+    radial, normal = (np.array(AXES[axis]) for axis in PLANES[plane])
+    level = np.cross(normal, radial)
+    c, s = _cos_sin(tilt)
+    centre, up = c * radial - s * normal, s * radial + c * normal
+    name = plane + (f"{degrees(tilt):.4g}" if tilt else "")
+    if second is not None:
+        name += f"{degrees(second):+.4g}"
+        cos_2, sin_2 = _cos_sin(second)
+        if reading == "azimuth":
+            centre = cos_2 * centre + sin_2 * level
+        elif reading == "successive":
+            up = cos_2 * up + sin_2 * level
+        else:
+            rest = 1 - c**2 - cos_2**2
+            if rest < -1e-12 or c**2 + cos_2**2 < 1e-12:
+                raise InputError(f"mounting {name}: no pose has these two dihedral angles")
+            up = cos_2 * radial + c * normal + np.sqrt(max(rest, 0.0)) * level
+            centre = np.cross(level, up) / np.hypot(c, cos_2)
+    elif about == "radial" and tilt:
+        centre, up, name = radial, c * normal + s * level, f"{name}r"
+    return Attitude(_vector(-centre), _vector(up), name)
+
+
+def planar_plan(
+    speeds: Sequence[float] = (0.0, SLOW * RPM, FAST * RPM), seconds: float = 150.0
+) -> tuple[Spin, ...]:
+    """Return the nine states of the planar method: XY, YX, ZY, each at 0, 46 and 86 r/min.
+
+    Parameters
+    ----------
+    speeds : sequence of float
+        rad/s.
+    seconds : float
+        Length of each dwell, s.
+    """
+    return tuple(_dwell(mounting(plane), w, seconds) for plane in PLANES for w in speeds)
+
+
+def multi_angle_plan(
+    reading: Reading = "azimuth",
+    about: About = "tangential",
+    *,
+    one_speed: bool = False,
+    seconds: float = 150.0,
+) -> tuple[Spin, ...]:
+    """Return sixteen groups of tilted mountings.
+
+    By default the ten poses that the source names (30°, 60°, 135° in three planes, and the one of
+    two tilts) at 86 r/min, and those of 30° and 135° at 46 r/min besides: a choice of ours.
+
+    Parameters
+    ----------
+    reading : "azimuth", "dihedral" or "successive"
+        What the second tilt of the pose of two tilts is.
+    about : "tangential" or "radial"
+        What the other tilts are about.
+    one_speed : bool
+        Whether all sixteen are at 86 r/min, as in the source. It names ten poses for its sixteen;
+        45° and 120° in three planes stand for those it does not tell.
+    seconds : float
+        Length of each dwell, s.
+    """
+    tilts = (30, 45, 60, 120, 135) if one_speed else (30, 60, 135)
+    single = [mounting(p, radians(t), about=about) for p in PLANES for t in tilts]
+    poses = [*single, mounting("XY", radians(135), radians(45), reading=reading)]
+    fast = [_dwell(pose, FAST * RPM, seconds) for pose in poses]
+    if one_speed:
+        return tuple(fast)
+    again = [mounting(p, radians(t), about=about) for p in PLANES for t in (30, 135)]
+    return (*fast, *(_dwell(pose, SLOW * RPM, seconds) for pose in again))
+
+
+def tilted(step: Spin) -> bool:
+    """Return whether a step's mounting is tilted: the centre or up is along no axis of the body."""
+    if step.attitude is None:
+        return False
+    parts = np.abs([step.attitude.out, step.attitude.up])
+    return bool((parts.max(axis=1) < 1 - 1e-9).any())
+
+
+def _dwell(attitude: Attitude, w: float, seconds: float) -> Spin:
+    return Spin(f"{attitude.name}_{w / RPM:.4g}", w, seconds, attitude)
+
+
+def _cos_sin(angle: float) -> tuple[float, float]:
+    """Return both, zero where they are rounding."""
+    c, s = (float(x) for x in (np.cos(angle), np.sin(angle)))
+    return (0.0 if abs(c) < 1e-15 else c), (0.0 if abs(s) < 1e-15 else s)
+
+
+def _vector(v: NDArray[np.float64]) -> tuple[float, float, float]:
+    x, y, z = (v + 0.0).tolist()
+    return x, y, z

@@ -1,0 +1,204 @@
+"""A plain rate table as a bench: it turns about the vertical, the sensor in a fixture on it.
+
+At the radius R from the axis the sensor feels the centripetal acceleration toward the centre and
+gravity's reaction. With `out` and `up` of its mounting in the body::
+
+    f = exp(φ) (−a out + g up),   a = (R + s) (ω (1 + ρ + σ))²
+
+φ are the three angles by which the mounting is off, s what its radius is off besides, ρ the
+relative error of all rates of the run, σ that of one set speed, alike in all dwells at it.
+
+A sensor that rests on a table of steady rate feels no Coriolis acceleration of the table. That of
+the earth, 2 Ω ω R, is left out as in the source: 34 µg at 86 r/min and 0.25 m.
+
+Source: Xiao Changrun, Liu Yang, Liu Ruijie, Transducer and Microsystem Technologies 33(10), 2014,
+section 1 (the table), 10.13873/J.1000-9787(2014)10-0021-04.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from math import isfinite, pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches.arm import directions
+from inercal.errors import InputError
+from inercal.frames import exp_so3, left_jacobian, skew
+from inercal.parameters import Parameter
+from inercal.plan import Spin
+from inercal.units import Measured
+
+Array = NDArray[np.float64]
+_AXES = "xyz"
+
+
+@dataclass(frozen=True)
+class RateTable:
+    """The bench of a rate table with a fixture.
+
+    Parameters
+    ----------
+    gravity : Measured
+        Local gravity, m/s².
+    radius : Measured
+        From the table's axis to the sensor's centre, m.
+    seat : float
+        Standard deviation of each mounting's radius besides, m.
+    pose : float
+        Standard deviation of each of three angles of each mounting, rad.
+    rate : float
+        Relative standard deviation of the rate, common to the run.
+    speed : float
+        Relative standard deviation of each set speed, alike in all dwells at that speed.
+
+    Raises
+    ------
+    InputError
+        A gravity or a radius that is not positive, a deviation that is negative or not finite.
+    """
+
+    gravity: Measured
+    radius: Measured
+    seat: float = 0.0
+    pose: float = 0.0
+    rate: float = 0.0
+    speed: float = 0.0
+
+    def __post_init__(self) -> None:
+        g, r = self.gravity, self.radius
+        for what, size, unit in (("gravity", g.value, "m/s²"), ("radius", r.value, "m")):
+            if not (isfinite(size) and size > 0):
+                raise InputError(f"rate table: {what} is {size:g} {unit}; give it > 0")
+        deviations = {"gravity": g.sd, "radius": r.sd, "seat": self.seat, "pose": self.pose}
+        deviations |= {"rate": self.rate, "speed": self.speed}
+        for what, sd in deviations.items():
+            if not (isfinite(sd) and sd >= 0):
+                raise InputError(f"rate table: deviation of {what} is {sd}; give it 0 or more")
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The imperfections, as data."""
+        g, r = self.gravity, self.radius
+        return (
+            Parameter("g", "m/s²", g.sd, "run", g.value, "local gravity"),
+            Parameter("radius", "m", r.sd, "run", r.value, "radius"),
+            Parameter("rate", "1", self.rate, "run", 0.0, "rate of the table, relative"),
+            Parameter("seat", "m", self.seat, "mounting", 0.0, "radius of a mounting"),
+            *(
+                Parameter(f"pose_{a}", "rad", self.pose, "mounting", 0.0, f"mounting about {a}")
+                for a in _AXES
+            ),
+            Parameter("speed", "1", self.speed, "speed", 0.0, "a set speed, relative"),
+        )
+
+    def nuisances(self, steps: Sequence[Spin]) -> dict[str, Parameter]:
+        """Return the parameters that act on these steps, by full name such as "pose_x[XY30]"."""
+        return {full: parameter for full, parameter, _ in _acting(self, steps)}
+
+
+def _acting(
+    bench: RateTable, steps: Sequence[Spin]
+) -> Iterator[tuple[str, Parameter, NDArray[np.bool_]]]:
+    """Yield the parameters that act: full name, declaration, and which rows, (r,)."""
+    turning = np.array([step.rate != 0 for step in steps])
+    shared = {"mounting": mountings(steps), "speed": [speed_name(step) for step in steps]}
+    for parameter in bench.parameters:
+        still = parameter.name == "g" or parameter.name.startswith("pose")
+        rows = np.ones(len(steps), dtype=bool) if still else turning
+        if parameter.scope == "run":
+            if rows.any():
+                yield parameter.name, parameter, rows
+            continue
+        labels = shared[parameter.scope]
+        for label in dict.fromkeys(labels):
+            own = rows & np.array([one == label for one in labels])
+            if own.any():
+                yield f"{parameter.name}[{label}]", parameter, own
+
+
+def speed_name(step: Spin) -> str:
+    """Return the name of a step's set speed: "86 rpm"."""
+    return f"{step.rate * 30 / pi:.10g} rpm"
+
+
+def mountings(steps: Sequence[Spin]) -> list[str]:
+    """Return the name of each step's mounting: its attitude's, or the first label that has it."""
+    first: dict[object, str] = {}
+    for step in steps:
+        own = step.attitude.name if step.attitude else ""
+        first.setdefault(step.attitude, own or step.label)
+    return [first[step.attitude] for step in steps]
+
+
+@dataclass(frozen=True, eq=False)
+class Felt:
+    """Specific force in each dwell, (..., r, 3) m/s² in the sensor's frame, with derivatives.
+
+    Parameters
+    ----------
+    f : (..., r, 3) array
+    by : mapping of str to (..., r, 3) array
+        ∂f by each of the bench's parameters that act.
+    """
+
+    f: Array
+    by: Mapping[str, Array] = field(default_factory=dict[str, Array])
+
+
+def felt(bench: RateTable, steps: Sequence[Spin], q: Mapping[str, Array]) -> Felt:
+    """Return the specific force in each dwell.
+
+    Parameters
+    ----------
+    bench : RateTable
+    steps : sequence of r Spin
+    q : mapping of str to (...) array
+        The bench's parameters by full name, SI; those missing are as declared.
+
+    Raises
+    ------
+    InputError
+        A step of unknown attitude.
+    """
+    out, up = directions(steps)
+    declared = bench.nuisances(steps)
+    mounted = mountings(steps)
+    speeds = [speed_name(step) for step in steps]
+
+    def value(name: str) -> Array:
+        return np.asarray(q.get(name, declared[name].value if name in declared else 0.0))
+
+    def of_each(name: str, labels: Sequence[str]) -> Array:
+        values = [value(f"{name}[{label}]") for label in labels]
+        return np.stack(np.broadcast_arrays(*values), axis=-1)
+
+    w = np.array([step.rate for step in steps])
+    g = value("g")[..., None]
+    radius = (value("radius") if w.any() else np.zeros(()))[..., None] + of_each("seat", mounted)
+    turned = w * (1 + value("rate")[..., None] + of_each("speed", speeds))
+    a = radius * turned**2
+    pose = np.stack(
+        np.broadcast_arrays(*(of_each(f"pose_{axis}", mounted) for axis in _AXES)), axis=-1
+    )
+    turn = exp_so3(pose)
+    inward, upward = ((turn @ v[..., None])[..., 0] for v in (-out, up))
+    f = a[..., None] * inward + g[..., None] * upward
+    by_radius = turned[..., None] ** 2 * inward
+    by_rate = (2 * radius * turned * w)[..., None] * inward
+    by_pose = -skew(f) @ left_jacobian(pose)
+    slopes = {"g": upward, "radius": by_radius, "seat": by_radius, "rate": by_rate}
+    slopes |= {"speed": by_rate}
+    slopes |= {f"pose_{axis}": by_pose[..., k] for k, axis in enumerate(_AXES)}
+    by = {
+        full: np.where(rows[:, None], slopes[parameter.name], 0.0)
+        for full, parameter, rows in _acting(bench, steps)
+    }
+    return Felt(f, by)
+
+
+def by_parameter(bench: RateTable, steps: Sequence[Spin]) -> Array:
+    """Return what one standard deviation of each uncertain parameter adds to f, (k, r, 3) m/s²."""
+    made = felt(bench, steps, {})
+    rows = [q.sd * made.by[name] for name, q in bench.nuisances(steps).items() if q.sd > 0]
+    return np.stack(rows) if rows else np.zeros((0, len(steps), 3))

@@ -1,0 +1,144 @@
+"""The rate table: what its mountings feel, what acts on which dwell, and its slopes."""
+
+from dataclasses import replace
+from math import cos, radians, sin
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inercal.benches.mountings import PLANES, RPM, mounting, multi_angle_plan, planar_plan, tilted
+from inercal.benches.rate_table import RateTable, by_parameter, felt
+from inercal.errors import InputError
+from inercal.plan import Spin
+from inercal.units import Measured
+
+BENCH = RateTable(Measured(9.8, 1e-3), Measured(0.25, 1e-4), 5e-4, 3e-3, 1e-4, 5e-4)
+AT_86 = 0.25 * (86 * RPM) ** 2 / 9.8
+
+
+def in_g(*attitudes: Any):
+    steps = [Spin(str(k), 86 * RPM, 1.0, a) for k, a in enumerate(attitudes)]
+    return felt(BENCH, steps, {}).f / 9.8
+
+
+def test_planar_mountings_feel_the_centre_and_gravity():
+    f = in_g(*(mounting(plane) for plane in PLANES))
+    assert f == pytest.approx(np.array([[AT_86, 0, 1], [0, AT_86, 1], [1, 0, AT_86]]), abs=1e-15)
+
+
+@pytest.mark.parametrize("tilt", [30, 60, 135])
+@pytest.mark.parametrize("plane", PLANES)
+def test_a_tilt_is_felt_as_the_note_says(plane: Any, tilt: float):
+    a = radians(tilt)
+    (f,) = in_g(mounting(plane, a))
+    radial, normal = ("xyz".index(axis) for axis in PLANES[plane])
+    assert f[radial] == pytest.approx(AT_86 * cos(a) + sin(a))
+    assert f[normal] == pytest.approx(-AT_86 * sin(a) + cos(a))
+    assert f[3 - radial - normal] == 0
+
+
+def test_a_tilt_about_the_radial_direction_leaves_the_centre():
+    (f,) = in_g(mounting("XY", radians(30), about="radial"))
+    assert f == pytest.approx([AT_86, sin(radians(30)), cos(radians(30))])
+
+
+def test_two_tilts_have_three_readings():
+    one = mounting("XY", radians(135))
+    dihedral, azimuth, successive = (
+        mounting("XY", radians(135), radians(45), reading=reading)
+        for reading in ("dihedral", "azimuth", "successive")
+    )
+    f = in_g(one, dihedral, azimuth, successive)
+    assert f[1] == pytest.approx(f[0], abs=1e-12)
+    assert azimuth.up == one.up
+    assert successive.out == one.out
+    assert np.abs(f[2:, 0] * f[2:, 1]).min() > 0.1
+    for attitude in (dihedral, azimuth, successive):
+        pair = np.array([attitude.out, attitude.up])
+        assert pair @ pair.T == pytest.approx(np.eye(2), abs=1e-15)
+
+
+def test_dihedral_angles_that_no_pose_has_are_refused():
+    with pytest.raises(InputError, match="no pose"):
+        mounting("XY", radians(20), radians(30), reading="dihedral")
+    with pytest.raises(InputError, match="there are XY, YX, ZY"):
+        mounting("XZ")  # pyright: ignore[reportArgumentType]
+
+
+def test_plans_have_nine_and_sixteen_states():
+    assert [step.label for step in planar_plan()][:3] == ["XY_0", "XY_46", "XY_86"]
+    for one_speed in (False, True):
+        steps = multi_angle_plan(one_speed=one_speed)
+        assert len({step.label for step in steps}) == 16
+        assert all(tilted(step) for step in steps)
+        assert len({step.rate for step in steps}) == 2 - one_speed
+    assert len({step.attitude for step in multi_angle_plan()}) == 10
+    assert not any(tilted(step) for step in planar_plan())
+    assert all(tilted(step) for step in multi_angle_plan(about="radial"))
+
+
+def test_slopes_are_those_of_the_force():
+    steps = [*planar_plan(), *multi_angle_plan()]
+    rng = np.random.default_rng(2)
+    declared = BENCH.nuisances(steps)
+    q = {n: np.array(p.value + 0.01 * rng.standard_normal()) for n, p in declared.items()}
+    made = felt(BENCH, steps, q)
+    assert set(made.by) == set(declared)
+    for name in declared:
+        near, far = (felt(BENCH, steps, q | {name: q[name] + h}).f for h in (-1e-5, 1e-5))
+        assert made.by[name] == pytest.approx((far - near) / 2e-5, abs=2e-8)
+
+
+def test_mountings_and_speeds_share_what_is_theirs():
+    steps = [*planar_plan(), *multi_angle_plan()]
+    made = felt(BENCH, steps, {})
+    acts = {
+        name: {s.label for s, by in zip(steps, slope, strict=True) if by.any()}
+        for name, slope in made.by.items()
+    }
+    assert acts["pose_y[XY]"] == {"XY_0", "XY_46", "XY_86"}
+    assert acts["seat[XY]"] == {"XY_46", "XY_86"}
+    assert acts["seat[XY30]"] == {"XY30_46", "XY30_86"}
+    assert len(acts["speed[86 rpm]"]) == 13
+    assert "speed[0 rpm]" not in acts
+    assert len(acts["g"]) == 25
+    assert len(BENCH.nuisances(steps)) == 3 + 13 * 4 + 2
+    assert by_parameter(BENCH, steps).shape == (57, 25, 3)
+
+
+def test_a_table_at_rest_knows_neither_radius_nor_rate():
+    steps = planar_plan(speeds=(0.0,))
+    assert set(BENCH.nuisances(steps)) == {
+        "g",
+        *(f"pose_{axis}[{plane}]" for axis in "xyz" for plane in PLANES),
+    }
+    assert felt(BENCH, steps, {}).f[0] == pytest.approx([0, 0, 9.8])
+
+
+def test_trials_have_errors_of_their_own():
+    steps = planar_plan()
+    q = {"pose_x[XY]": np.array([0.0, 0.01]), "radius": np.array([0.25, 0.26])}
+    f = felt(BENCH, steps, q).f
+    assert f.shape == (2, 9, 3)
+    assert f[0] == pytest.approx(felt(BENCH, steps, {}).f)
+    assert f[1, 0] == pytest.approx([0, -9.8 * sin(0.01), 9.8 * cos(0.01)])
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"radius": Measured(0.0, 0.0)}, "radius is 0 m; give it > 0"),
+        ({"gravity": Measured(-1.0, 0.0)}, "gravity is -1"),
+        ({"pose": -1.0}, "deviation of pose"),
+        ({"speed": float("nan")}, "deviation of speed"),
+    ],
+)
+def test_a_bench_that_cannot_be_is_refused(change: dict[str, Any], words: str):
+    with pytest.raises(InputError, match=words):
+        replace(BENCH, **change)
+
+
+def test_a_step_of_unknown_attitude_is_refused():
+    with pytest.raises(InputError, match="attitude"):
+        felt(BENCH, [Spin("a", 1.0)], {})
