@@ -1,6 +1,6 @@
 """Readings against the angle of a dividing head: its errors are nuisances, or it is exact."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import zip_longest
 
@@ -13,17 +13,15 @@ from inercal.benches.head_angles import angles
 from inercal.benches.passes import ramps
 from inercal.errors import InputError
 from inercal.estimate import Gaussian, Problem
+from inercal.methods import vectors
 from inercal.motion import Motion
-from inercal.observe import vector
 from inercal.plan import Index
 from inercal.recording import Observations
-from inercal.sensors import G0, Sensor
+from inercal.sensors import Sensor
 
 Array = NDArray[np.float64]
 FEWEST = 4  # positions
 _NEAR = 1.5e-4  # rad
-_ROUNDING = 2.0**-50
-_NATURAL = {"m/s²": G0, "rad": 1.0}
 
 
 def plan(positions: int = 12, reverse: bool = True, seconds: float = 60.0) -> tuple[Index, ...]:
@@ -94,44 +92,19 @@ def problem(
     exact : bool
         Whether the bench is taken at its declared values, without nuisances.
     """
-    p = len(sensor.coefficients)
-    declared = bench.nuisances(steps, sensor.channels)
-    loose = {n: q for n, q in declared.items() if q.sd > 0 and not exact}
-    by_name = _drifts(sensor, steps)
-    drifts = [name for name in by_name if name in loose]
-    added = np.stack([by_name[n] for n in drifts], axis=-1) if drifts else np.zeros((0,))
-
-    def linearise(x: Array) -> tuple[Array, Array]:
-        made = felt(bench, steps, {n: x[..., p + k] for k, n in enumerate(loose)})
-        df = np.zeros((*made.f.shape, len(loose)))
-        for k, name in enumerate(loose):
-            if name not in by_name:
-                df[..., k] = made.by[name]
-        residual, slope = vector(sensor, observations.mean, x[..., :p], Motion(made.f), df, None)
-        if drifts:
-            at = [p + list(loose).index(name) for name in drifts]
-            # Rows of a position after another, channels within: as the residual.
-            residual = residual - x[..., at] @ added.T
-            slope[..., at] = added
-        return residual, slope
-
-    noise = observations.full_covariance
-    largest = np.abs(observations.mean).max() / np.sqrt(
-        np.diagonal(noise, axis1=-2, axis2=-1).min()
+    return vectors.problem(
+        observations,
+        sensor,
+        {} if exact else bench.nuisances(steps, sensor.channels),
+        lambda q: _felt(bench, steps, q),
+        priors,
+        added=_drifts(sensor, steps),
     )
-    values = np.array([q.value for q in loose.values()])
-    told = [Gaussian.independent(tuple(loose), values, [q.sd for q in loose.values()])]
-    return Problem(
-        names=(*sensor.coefficients, *loose),
-        start=np.concatenate([np.zeros(p), values]),
-        linearise=linearise,
-        noise=noise,
-        scale=np.concatenate([sensor.natural, [_NATURAL[q.unit] for q in loose.values()]]),
-        priors=(*(told if loose else ()), *priors),
-        wanted=sensor.coefficients,
-        observations=tuple(f"{a}[{row}]" for row in observations.labels for a in sensor.channels),
-        rounding=float(largest) * _ROUNDING,
-    )
+
+
+def _felt(bench: DividingHead, steps: Sequence[Index], q: Mapping[str, Array]) -> vectors.Felt:
+    made = felt(bench, steps, q)
+    return vectors.Felt(Motion(made.f), made.by)
 
 
 def by_bench(

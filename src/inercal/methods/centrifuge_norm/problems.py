@@ -18,18 +18,16 @@ from numpy.typing import NDArray
 from inercal.benches.arm import FeltNorm, FeltVector, felt_norm, felt_vector
 from inercal.benches.centrifuge import Centrifuge
 from inercal.estimate import Gaussian, Problem
+from inercal.methods import vectors
 from inercal.methods.centrifuge_norm.gauge import gauges, known_nulls, require_gauge
 from inercal.motion import Motion
-from inercal.observe import NoisyNorm, noisy_norm, norm, vector
-from inercal.parameters import Parameter
+from inercal.observe import NoisyNorm, noisy_norm, norm
 from inercal.plan import Spin
 from inercal.recording import Observations
-from inercal.sensors import G0, Sensor
+from inercal.sensors import Sensor
 
 Array = NDArray[np.float64]
 _Result = TypeVar("_Result")
-_ROUNDING = 2.0**-50  # of a norm, by the few operations that give it
-_NATURAL = {"m/s²": G0, "m": 1.0, "(m/s²)⁻¹": 1 / G0, "1": 1.0, "rad": 1.0, "rad/s": 1.0}
 
 
 def problem(
@@ -67,7 +65,7 @@ def by_norm(
     p = len(sensor.coefficients)
     turning = sensor.uses("wi", "wp", "wo") and bench.platform == "locked"
     declared = bench.nuisances(steps, vectors=turning)
-    loose, known = _split(declared)
+    loose, known = vectors.split(declared)
     shared = _shared(observations, bench, steps)
 
     @_kept
@@ -110,17 +108,17 @@ def by_norm(
             full = full + np.einsum("...ia,ija,...ja->...ij", along, observations.drift, along)
         return full
 
-    start = _start(p, loose)
+    start = vectors.start(p, loose)
     # A norm of tens of g is rounded at a millionth of what it is known to.
     made, _, seen = compared(start)
-    rounding = float(np.max(made.norm / np.sqrt(seen.variance))) * _ROUNDING
+    rounding = float(np.max(made.norm / np.sqrt(seen.variance))) * vectors.ROUNDING
     return Problem(
         names=(*sensor.coefficients, *loose),
         start=start,
         linearise=linearise,
         noise=noise,
-        scale=_scale(sensor, loose),
-        priors=_priors(loose, priors),
+        scale=vectors.scale(sensor, loose),
+        priors=vectors.with_bench(loose, priors),
         gauges=gauges(sensor),
         wanted=sensor.coefficients,
         observations=observations.labels,
@@ -155,52 +153,31 @@ def by_vector(
     InputError
         A step of unknown attitude.
     """
-    p = len(sensor.coefficients)
-    declared = bench.nuisances(steps, vectors=True)
-    loose, known = _split(declared)
     own = {"dwell_rate": bench.dwell_rate, "dwell_tilt": bench.dwell_tilt}
     own = {name: sd for name, sd in own.items() if sd}
 
-    def at(x: Array):
-        q = known | {n: x[..., p + k] for k, n in enumerate(loose)}
-        return felt_vector(bench, steps, q)
+    def feel(q: Mapping[str, Array]) -> vectors.Felt:
+        felt = felt_vector(bench, steps, q)
+        return vectors.Felt(Motion(felt.f, felt.w), felt.df, felt.dw)
 
-    def linearise(x: Array) -> tuple[Array, Array]:
-        felt = at(x)
-        df, dw = (np.zeros((*felt.f.shape, len(loose))) for _ in range(2))
-        for k, name in enumerate(loose):
-            df[..., k], dw[..., k] = felt.df[name], felt.dw.get(name, 0.0)
-        return vector(sensor, observations.mean, x[..., :p], Motion(felt.f, felt.w), df, dw)
-
-    def noise(x: Array) -> Array:
-        full = observations.full_covariance
-        if not own:
-            return full
-        felt = at(x)
-        slope = sensor.slope(Motion(felt.f, felt.w), x[..., :p])[..., :3]
+    def dwells(c: Array, felt: vectors.Felt) -> Array:
+        slope = sensor.slope(felt.motion, c)[..., :3]
         r, m = observations.mean.shape[-2:]
-        blocks = np.zeros((*x.shape[:-1], r, m, r, m))
+        blocks = np.zeros((*c.shape[:-1], r, m, r, m))
         for name, sd in own.items():
             by = sd * (slope @ felt.df[name][..., None])[..., 0]
             for k in range(r):
                 blocks[..., k, :, k, :] += by[..., k, :, None] * by[..., k, None, :]
-        return full + blocks.reshape(*x.shape[:-1], r * m, r * m)
+        return blocks.reshape(*c.shape[:-1], r * m, r * m)
 
-    start = _start(p, loose)
-    labels = tuple(f"{a}[{row}]" for row in observations.labels for a in sensor.channels)
-    read = np.abs(observations.mean).reshape(*observations.mean.shape[:-2], -1)
-    largest = read / np.sqrt(np.diagonal(noise(start), axis1=-2, axis2=-1))
-    return Problem(
-        names=(*sensor.coefficients, *loose),
-        start=start,
-        linearise=linearise,
-        noise=noise if own else noise(start),
-        scale=_scale(sensor, loose),
-        priors=_priors(loose, priors),
+    return vectors.problem(
+        observations,
+        sensor,
+        bench.nuisances(steps, vectors=True),
+        feel,
+        priors,
+        dwells=dwells if own else None,
         gauges=gauges(sensor),
-        wanted=sensor.coefficients,
-        observations=labels,
-        rounding=float(np.max(largest)) * _ROUNDING,
     )
 
 
@@ -214,25 +191,3 @@ def _kept(work: Callable[[Array], _Result]) -> Callable[[Array], _Result]:
         return last[0][1]
 
     return result
-
-
-def _split(declared: Mapping[str, Parameter]) -> tuple[dict[str, Parameter], dict[str, Array]]:
-    """Return the parameters that are estimated, and the values of those that are exact."""
-    loose = {name: parameter for name, parameter in declared.items() if parameter.sd > 0}
-    known = {n: np.array(q.value) for n, q in declared.items() if n not in loose}
-    return loose, known
-
-
-def _start(p: int, loose: Mapping[str, Parameter]) -> Array:
-    return np.concatenate([np.zeros(p), [parameter.value for parameter in loose.values()]])
-
-
-def _scale(sensor: Sensor, loose: Mapping[str, Parameter]) -> Array:
-    return np.concatenate([sensor.natural, [_NATURAL[q.unit] for q in loose.values()]])
-
-
-def _priors(loose: Mapping[str, Parameter], priors: Sequence[Gaussian]) -> tuple[Gaussian, ...]:
-    if not loose:
-        return tuple(priors)
-    values, deviations = zip(*((q.value, q.sd) for q in loose.values()), strict=True)
-    return (Gaussian.independent(tuple(loose), values, deviations), *priors)

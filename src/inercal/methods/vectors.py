@@ -1,0 +1,152 @@
+"""The problem of readings in known attitudes: each against that of what its axis felt there.
+
+What the bench makes of its declared parameters is felt; those that are not exact are nuisances
+with their stated deviations.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.estimate import Gauge, Gaussian, Problem
+from inercal.motion import Motion
+from inercal.observe import vector
+from inercal.parameters import Parameter
+from inercal.recording import Observations
+from inercal.sensors import G0, Sensor
+
+Array = NDArray[np.float64]
+ROUNDING = 2.0**-50  # of a reading, by the few operations that give it
+_NATURAL = {"m/s²": G0, "m": 1.0, "(m/s²)⁻¹": 1 / G0, "1": 1.0, "rad": 1.0, "rad/s": 1.0}
+
+
+@dataclass(frozen=True, eq=False)
+class Felt:
+    """What r rows felt, with derivatives by the bench's parameters; those missing are zero.
+
+    Parameters
+    ----------
+    motion : Motion
+        (..., r, 3).
+    df, dw : mappings of str to (..., r, 3) array
+        ∂f and ∂ω, SI.
+    """
+
+    motion: Motion
+    df: Mapping[str, Array]
+    dw: Mapping[str, Array] = field(default_factory=dict[str, Array])
+
+
+Feel = Callable[[Mapping[str, Array]], Felt]
+
+
+def problem(
+    observations: Observations,
+    sensor: Sensor,
+    declared: Mapping[str, Parameter],
+    feel: Feel,
+    priors: Sequence[Gaussian] = (),
+    *,
+    added: Mapping[str, Array] | None = None,
+    dwells: Callable[[Array, Felt], Array] | None = None,
+    gauges: tuple[Gauge, ...] = (),
+) -> Problem:
+    """Return the problem of all readings.
+
+    Parameters
+    ----------
+    observations : Observations
+        (..., r, m), m/s².
+    sensor : Sensor
+        Of m accelerometers.
+    declared : mapping of str to Parameter
+        The bench's parameters by full name.
+    feel : callable
+        From their values by full name, (...) SI, to what was felt.
+    priors : sequence of Gaussian
+        On coefficients.
+    added : mapping of str to (m r,) array, optional
+        What one of a parameter adds to the readings themselves, row after row.
+    dwells : callable, optional
+        From coefficients and what was felt to a covariance that is added to that of the means.
+    gauges : tuple of Gauge
+    """
+    p = len(sensor.coefficients)
+    loose, known = split(declared)
+    beside = {name: column for name, column in (added or {}).items() if name in loose}
+    at = [p + list(loose).index(name) for name in beside]
+    columns = np.array(list(beside.values())).T
+
+    def felt(x: Array) -> Felt:
+        return feel(known | {name: x[..., p + k] for k, name in enumerate(loose)})
+
+    def linearise(x: Array) -> tuple[Array, Array]:
+        here = felt(x)
+        shape = here.motion.f.shape
+        df, dw = _stacked(here.df, loose, shape), None
+        if here.dw:
+            dw = _stacked(here.dw, loose, shape)
+        residual, slope = vector(sensor, observations.mean, x[..., :p], here.motion, df, dw)
+        if beside:
+            residual = residual - x[..., at] @ columns.T
+            slope[..., at] = columns
+        return residual, slope
+
+    full = observations.full_covariance
+
+    def noise(x: Array) -> Array:
+        return full if dwells is None else full + dwells(x[..., :p], felt(x))
+
+    first = start(p, loose)
+    read = np.abs(observations.mean).reshape(*observations.mean.shape[:-2], -1)
+    largest = read / np.sqrt(np.diagonal(noise(first), axis1=-2, axis2=-1))
+    return Problem(
+        names=(*sensor.coefficients, *loose),
+        start=first,
+        linearise=linearise,
+        noise=full if dwells is None else noise,
+        scale=scale(sensor, loose),
+        priors=with_bench(loose, priors),
+        gauges=gauges,
+        wanted=sensor.coefficients,
+        observations=tuple(f"{a}[{row}]" for row in observations.labels for a in sensor.channels),
+        rounding=float(np.max(largest)) * ROUNDING,
+    )
+
+
+def _stacked(
+    by: Mapping[str, Array], loose: Mapping[str, Parameter], shape: tuple[int, ...]
+) -> Array:
+    """Return the derivatives by each nuisance, (..., r, 3, q)."""
+    made = np.zeros((*shape, len(loose)))
+    for k, name in enumerate(loose):
+        if name in by:
+            made[..., k] = by[name]
+    return made
+
+
+def split(declared: Mapping[str, Parameter]) -> tuple[dict[str, Parameter], dict[str, Array]]:
+    """Return the parameters that are estimated, and the values of those that are exact."""
+    loose = {name: parameter for name, parameter in declared.items() if parameter.sd > 0}
+    known = {n: np.array(q.value) for n, q in declared.items() if n not in loose}
+    return loose, known
+
+
+def start(p: int, loose: Mapping[str, Parameter]) -> Array:
+    """Return where a search starts: p coefficients at nominal, the bench as declared."""
+    return np.concatenate([np.zeros(p), [parameter.value for parameter in loose.values()]])
+
+
+def scale(sensor: Sensor, loose: Mapping[str, Parameter]) -> Array:
+    """Return the natural size of each coefficient and of each of the bench's parameters."""
+    return np.concatenate([sensor.natural, [_NATURAL[q.unit] for q in loose.values()]])
+
+
+def with_bench(loose: Mapping[str, Parameter], priors: Sequence[Gaussian]) -> tuple[Gaussian, ...]:
+    """Return the priors, those of the bench's parameters before them."""
+    if not loose:
+        return tuple(priors)
+    values, deviations = zip(*((q.value, q.sd) for q in loose.values()), strict=True)
+    return (Gaussian.independent(tuple(loose), values, deviations), *priors)
