@@ -92,10 +92,10 @@ def columns(plane: str, tilt: float, second: float | None, reading: str) -> Arra
     c, u = np.eye(3)[toward], np.eye(3)[up]
     plain = np.stack([c, np.cross(u, c), u], axis=1)
     leaned = plain @ turned(1, tilt * DEGREE)
+    if reading == "azimuth" and second is not None:
+        return plain @ turned(2, second * DEGREE) @ turned(1, tilt * DEGREE)
     if second is None or reading == "dihedral":
         return leaned  # 135° and 45° as dihedral angles: cos² + cos² = 1, and nothing is left
-    if reading == "azimuth":
-        return leaned @ turned(2, second * DEGREE)
     return leaned @ turned(0, -second * DEGREE)
 
 

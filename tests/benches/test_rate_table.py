@@ -51,7 +51,8 @@ def test_two_tilts_have_three_readings():
     )
     f = in_g(one, dihedral, azimuth, successive)
     assert f[1] == pytest.approx(f[0], abs=1e-12)
-    assert azimuth.up == one.up
+    assert azimuth.up[2] == one.up[2]
+    assert np.arctan2(azimuth.out[1], azimuth.out[0]) == pytest.approx(radians(45))
     assert successive.out == one.out
     assert np.abs(f[2:, 0] * f[2:, 1]).min() > 0.1
     for attitude in (dihedral, azimuth, successive):

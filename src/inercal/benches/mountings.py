@@ -14,8 +14,8 @@ not say how. Three readings of a second tilt β:
 
 * dihedral: both are angles between planes, up·e_n = cos α and up·e_r = cos β; at 135° and 45° this
   is the pose of 135° alone, again;
-* azimuth: tilted by α, then turned by β about the vertical, so that
-  centre = cos β centre_α + sin β e_t;
+* azimuth: turned by β about e_n on the fixture, cos β e_r + sin β e_t in the place of e_r, then
+  tilted by α;
 * successive: tilted by α, then by β about the radial direction: up = cos β up_α + sin β e_t.
 
 Source: Xiao Changrun, Liu Yang, Liu Ruijie, Transducer and Microsystem Technologies 33(10), 2014,
@@ -72,21 +72,20 @@ def mounting(
     radial, normal = (np.array(AXES[axis]) for axis in PLANES[plane])
     level = np.cross(normal, radial)
     c, s = _cos_sin(tilt)
-    centre, up = c * radial - s * normal, s * radial + c * normal
+    c2, s2 = (1.0, 0.0) if second is None else _cos_sin(second)
     name = plane + (f"{degrees(tilt):.4g}" if tilt else "")
+    along = c2 * radial + s2 * level if reading == "azimuth" else radial
+    centre, up = c * along - s * normal, s * along + c * normal
     if second is not None:
         name += f"{degrees(second):+.4g}"
-        cos_2, sin_2 = _cos_sin(second)
-        if reading == "azimuth":
-            centre = cos_2 * centre + sin_2 * level
-        elif reading == "successive":
-            up = cos_2 * up + sin_2 * level
-        else:
-            rest = 1 - c**2 - cos_2**2
-            if rest < -1e-12 or c**2 + cos_2**2 < 1e-12:
+        if reading == "successive":
+            up = c2 * up + s2 * level
+        elif reading == "dihedral":
+            rest = 1 - c**2 - c2**2
+            if rest < -1e-12 or c**2 + c2**2 < 1e-12:
                 raise InputError(f"mounting {name}: no pose has these two dihedral angles")
-            up = cos_2 * radial + c * normal + np.sqrt(max(rest, 0.0)) * level
-            centre = np.cross(level, up) / np.hypot(c, cos_2)
+            up = c2 * radial + c * normal + np.sqrt(max(rest, 0.0)) * level
+            centre = np.cross(level, up) / np.hypot(c, c2)
     elif about == "radial" and tilt:
         centre, up, name = radial, c * normal + s * level, f"{name}r"
     return Attitude(_vector(-centre), _vector(up), name)

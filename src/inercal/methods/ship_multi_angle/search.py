@@ -1,0 +1,154 @@
+"""The source's equations by a global search, in place of its commercial optimiser.
+
+SciPy's differential evolution (Storn and Price 1997) on the sum of squares of the norms' equations
+within bounds about nominal, then polished by the damped equations. The source tells its optimiser
+to bring the error under 5 %; what counts as error here is the largest over the groups of
+| |M a + p| / √(A² + 1) − 1 |. Coefficients that are nowhere near the truth meet it.
+"""
+
+# SciPy has no stubs.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownMemberType=false
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import differential_evolution
+
+from inercal.methods.affine import IDEAL, Affine
+from inercal.methods.ship_multi_angle.norms import damped, residual
+
+Array = NDArray[np.float64]
+GOAL = 0.05
+_MEMBERS = 15  # times twelve
+
+
+class Generation(NamedTuple):
+    """The best member after a generation."""
+
+    number: int
+    cost: float  # Σρ², g⁴
+    worst: float  # largest relative error of a norm
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """How far from nominal each kind of θ may be: scale and cross relative, bias in g."""
+
+    scale: float = 0.1
+    cross: float = 0.1
+    bias: float = 0.2
+
+    @property
+    def half(self) -> Array:
+        """Half the width, of θ."""
+        matrix = np.where(np.eye(3) > 0, self.scale, self.cross)
+        return np.concatenate([matrix.ravel(), np.full(3, self.bias)])
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What the search found.
+
+    Parameters
+    ----------
+    model : Affine
+        Polished.
+    cost, worst : float
+        Of it.
+    history : tuple of Generation
+        The best member after each generation, before polishing.
+    goal : int or None
+        The generation that first met the source's goal.
+    seconds : float
+        That it took.
+    in_time : bool
+        Whether the population settled or the generations were done before the time was up.
+    """
+
+    model: Affine
+    cost: float
+    worst: float
+    history: tuple[Generation, ...]
+    goal: int | None
+    seconds: float
+    in_time: bool
+
+
+def worst(model: Affine, a: Array, square: Array) -> float:
+    """Return the largest relative error of a norm."""
+    return float(np.abs(np.linalg.norm(model.correct(a), axis=-1) / np.sqrt(square) - 1).max())
+
+
+def search(
+    a: Array,
+    square: Array,
+    bounds: Bounds = Bounds(),
+    *,
+    seed: int = 0,
+    seconds: float = 20.0,
+    generations: int = 1000,
+    progress: Callable[[Generation], None] | None = None,
+) -> Found:
+    """Return the least sum of squares within bounds; polishing may leave them.
+
+    Parameters
+    ----------
+    a : (r, 3) array
+        Readings in g.
+    square : (r,) array
+        A² + 1, g².
+    bounds : Bounds
+    seed : int
+    seconds : float
+        After which the best member is taken as it is.
+    generations : int
+        At most.
+    progress : callable, optional
+        Called after each generation.
+    """
+    began = perf_counter()
+    history: list[Generation] = []
+    late = False
+
+    def cost(thetas: Array) -> Array:
+        # One column a member.
+        return (residual(Affine.of(thetas.T), a, square) ** 2).sum(-1)
+
+    def after(intermediate_result: Any) -> None:
+        nonlocal late
+        model = Affine.of(np.asarray(intermediate_result.x, dtype=float))
+        history.append(
+            Generation(len(history) + 1, float(intermediate_result.fun), worst(model, a, square))
+        )
+        if progress is not None:
+            progress(history[-1])
+        late = perf_counter() - began > seconds
+        if late:
+            raise StopIteration
+
+    best = differential_evolution(
+        cost,
+        list(zip(IDEAL - bounds.half, IDEAL + bounds.half, strict=True)),
+        maxiter=generations,
+        popsize=_MEMBERS,
+        rng=np.random.default_rng(seed),
+        callback=after,
+        polish=False,
+        updating="deferred",
+        vectorized=True,
+    )
+    done = damped(a, square, Affine.of(np.asarray(best.x, dtype=float)))
+    return Found(
+        done.model,
+        float(done.cost),
+        worst(done.model, a, square),
+        tuple(history),
+        next((g.number for g in history if g.worst <= GOAL), None),
+        perf_counter() - began,
+        not late,
+    )

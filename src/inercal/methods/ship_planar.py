@@ -1,0 +1,237 @@
+"""A triad on a plain rate table, level mountings: least squares of what was felt on readings.
+
+With a the readings and f what the bench says was felt, of each axis on its own::
+
+    f_x = Sx a_x + Exy a_y + Exz a_z + Axp        and y, z alike
+
+The mountings XY, YX and ZY at 0, 46 and 86 r/min make nine equations of four unknowns an axis. The
+mountings are taken as exact: what pose, seat and speed do to the result is in its covariance, to
+first order, beside the readings' noise.
+
+Source: Xiao Changrun, Liu Yang, Liu Ruijie, Transducer and Microsystem Technologies 33(10), 2014,
+equations 1 to 5. The covariance is ours.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches.mountings import PLANES, planar_plan, tilted
+from inercal.benches.rate_table import RateTable, by_parameter, felt
+from inercal.errors import InputError, NotObserved
+from inercal.estimate import Estimate, Gaussian
+from inercal.methods._base import Method
+from inercal.methods.affine import Affine, require_twelve, to_coefficients
+from inercal.methods.observed import require_observed
+from inercal.plan import Spin
+from inercal.recording import Observations
+from inercal.sensors import G0, Sensor
+
+Array = NDArray[np.float64]
+_SEEN = 1e-3  # of the largest singular value of what was felt: below, an axis is not excited
+
+
+class Level(NamedTuple):
+    """What the level states tell: the model, and how it moves with the errors of their rows."""
+
+    model: Affine  # of (...) trials
+    gain: Array  # (..., 12, 3 r), θ by what is added to f of each row, axes within
+
+
+def level(a: Array, f: Array) -> Level:
+    """Return the model of least squares.
+
+    Parameters
+    ----------
+    a : (..., r, 3) array
+        Readings in g.
+    f : (r, 3) array
+        What the bench says was felt, g.
+    """
+    rows = np.concatenate([a, np.ones((*a.shape[:-1], 1))], axis=-1)
+    back = np.asarray(np.linalg.pinv(rows), dtype=float)
+    solved = np.swapaxes(back @ f, -1, -2)  # (..., 3, 4)
+    model = Affine(solved[..., :3], solved[..., 3])
+    r, lead = len(f), a.shape[:-2]
+    gain = np.zeros((*lead, 12, r, 3))
+    for axis in range(3):
+        # Errors of readings shift what M a says of f: the solution moves against them.
+        gain[..., 3 * axis : 3 * axis + 3, :, axis] = -back[..., :3, :]
+        gain[..., 9 + axis, :, axis] = -back[..., 3, :]
+    return Level(model, gain.reshape(*lead, 12, 3 * r))
+
+
+def of_rows(
+    observations: Observations, bench: RateTable, steps: Sequence[Spin], matrix: Array
+) -> Array:
+    """Return the covariance of M a + p − f over all rows, by noise and bench, (..., 3 r, 3 r) g².
+
+    Parameters
+    ----------
+    observations, bench, steps
+        Of r rows.
+    matrix : (..., 3, 3) array
+        M.
+    """
+    r, size = len(steps), 3 * len(steps)
+    noise = observations.full_covariance
+    noise = noise.reshape(*noise.shape[:-2], r, 3, r, 3)
+    turned = np.einsum("...ij,...ajbk,...lk->...aibl", matrix, noise, matrix, optimize=True)
+    made = by_parameter(bench, steps).reshape(-1, size)
+    return (turned.reshape(*turned.shape[:-4], size, size) + made.T @ made) / G0**2
+
+
+def require_rows(observations: Observations, sensor: Sensor, steps: Sequence[Spin]) -> None:
+    """Refuse channels, labels or a number of steps that are not those of the rows.
+
+    Raises
+    ------
+    InputError
+        Naming what differs.
+    """
+    if observations.channels != sensor.channels:
+        raise InputError(
+            f"readings are of {', '.join(observations.channels)}, the sensor has "
+            f"{', '.join(sensor.channels)}"
+        )
+    if observations.labels != tuple(step.label for step in steps):
+        raise InputError(
+            f"rows {', '.join(observations.labels)} are not the steps "
+            f"{', '.join(step.label for step in steps)}; give the step of each row, in order"
+        )
+
+
+def require_excited(sensor: Sensor, bench: RateTable, steps: Sequence[Spin]) -> None:
+    """Refuse states that leave an axis unexcited, or excited with another one or with the bias.
+
+    Raises
+    ------
+    NotObserved
+        Naming the axes of the body and the mountings to add.
+    """
+    rows = np.zeros((max(len(steps), 4), 4))
+    if steps:
+        rows[: len(steps)] = np.insert(felt(bench, steps, {}).f / G0, 3, 1.0, axis=1)
+    _, size, directions = np.linalg.svd(rows)
+    free = directions[size <= _SEEN * size[0]]
+    if not len(free):
+        return
+    # A direction that is not told apart from bias: the axes that take part in it.
+    part = np.abs(free[:, :3]).max(axis=0)
+    lacking = [axis for axis, share in zip("xyz", part, strict=True) if share > 0.1]
+    radial = {toward: plane for plane, (toward, _) in PLANES.items()}
+    adding = " and ".join(radial[axis] for axis in lacking)
+    raise NotObserved(
+        f"not observed: {', '.join(lacking)}: these {len(steps)} states do not change what "
+        f"{'it feels' if len(lacking) == 1 else 'they feel'} apart from bias and the other axes; "
+        f"add {'mounting' if len(lacking) == 1 else 'mountings'} {adding} "
+        "(that axis toward the centre) at two speeds or more",
+        tuple(lacking),
+    )
+
+
+def known(sensor: Sensor, covariance: Array) -> Array:
+    """Return how well each direction is known, of the first trial: one over its deviation, (p,)."""
+    p = len(sensor.coefficients)
+    first = covariance.reshape(-1, p, p)[0] / np.outer(sensor.natural, sensor.natural)
+    return 1 / np.sqrt(np.maximum(np.linalg.eigvalsh(first), np.finfo(float).tiny))
+
+
+def planar(
+    observations: Observations,
+    sensor: Sensor,
+    bench: RateTable,
+    steps: Sequence[Spin],
+    priors: Sequence[Gaussian] = (),
+) -> Estimate:
+    """Return the twelve coefficients from the states that are not tilted.
+
+    Parameters
+    ----------
+    observations : Observations
+        One row a state, (..., r, 3) m/s²; those of tilted mountings are left out.
+    sensor : Sensor
+        A triad with bias, scale factor and misalignments, in the reference form.
+    bench : RateTable
+    steps : sequence of r Spin
+        Of the rows, in known attitudes.
+    priors : sequence of Gaussian
+        None are taken.
+
+    Raises
+    ------
+    InputError
+        Priors, another sensor, steps that are not those of the rows.
+    NotObserved
+        States that leave an axis unexcited; the message says what to add.
+    """
+    if priors:
+        raise InputError("estimator planar takes no priors; joint of ship_multi_angle does")
+    require_twelve(sensor)
+    require_rows(observations, sensor, steps)
+    rows = [k for k, step in enumerate(steps) if not tilted(step)]
+    found = of_level(observations, sensor, bench, steps, rows)
+    left = len(steps) - len(rows)
+    said = (f"{left} tilted states are left out: planar does not use them",) if left else ()
+    return replace(found, notes=(*said, *found.notes))
+
+
+def of_level(
+    observations: Observations,
+    sensor: Sensor,
+    bench: RateTable,
+    steps: Sequence[Spin],
+    rows: Sequence[int],
+) -> Estimate:
+    """Return the estimate of `planar` from these rows."""
+    here = [steps[k] for k in rows]
+    require_excited(sensor, bench, here)
+    f = felt(bench, here, {}).f / G0
+    a = observations.mean[..., rows, :] / G0
+    model, gain = level(a, f)
+    at = np.array([3 * k + axis for k in rows for axis in range(3)])
+    spread = of_rows(observations, bench, steps, model.matrix)[..., at, :][..., at]
+    value, slope = to_coefficients(sensor, model)
+    whole = slope @ gain
+    residual = (f - model.correct(a)).reshape(*a.shape[:-2], -1) * G0
+    sd = G0 * np.sqrt(np.diagonal(spread, axis1=-2, axis2=-1))
+    trials = value.shape[:-1]
+    covariance = whole @ spread @ np.swapaxes(whole, -1, -2)
+    estimate = Estimate(
+        names=sensor.coefficients,
+        value=value,
+        covariance=covariance,
+        # Rows weigh alike and share the bench's errors: their residuals are no test of either.
+        chi2=np.zeros(trials),
+        dof=0,
+        residual=residual,
+        whitened=residual / np.where(sd > 0, sd, np.inf),
+        observations=tuple(f"f{axis}[{step.label}]" for step in here for axis in "xyz"),
+        wanted=sensor.coefficients,
+        rank=12,
+        singular_values=known(sensor, covariance),
+        null_directions=(),
+        weakest=None,
+        converged=np.ones(trials, dtype=bool),
+        iterations=np.ones(trials, dtype=np.intp),
+        notes=(
+            "the mountings' nominal axes are the frame; what pose, seat and speed do to the "
+            "coefficients is in their uncertainties",
+        ),
+    )
+    require_observed(estimate, sensor, missing=())
+    return estimate
+
+
+METHOD = Method(
+    name="ship_planar",
+    bench=RateTable,
+    finds={"f": ("k0", "k1", "delta_o", "delta_p")},
+    needs=("f",),
+    plan=planar_plan,
+    estimators={"planar": planar},
+    source="Xiao, Liu and Liu, Transducer and Microsystem Technologies 33(10), 2014",
+)
