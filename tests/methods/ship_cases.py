@@ -21,6 +21,7 @@ from inercal.units import Measured
 Array = NDArray[np.float64]
 SENSOR = triad().with_coefficients("k0", "k1", "delta_o", "delta_p")
 STEPS = (*planar_plan(), *multi_angle_plan())
+TYPICAL = Bench()
 EXACT = Bench(pose=0.0, seat=0.0, speed=0.0, noise=0.0)
 ESTIMATORS = {"planar": planar, "damped": damped, "joint": joint}
 
@@ -70,7 +71,7 @@ def declared(bench: Bench) -> RateTable:
     )
 
 
-def case(seed: int, trials: int, bench: Bench = Bench(), reading: Reading = "azimuth") -> Case:
+def case(seed: int, trials: int, bench: Bench = TYPICAL, reading: Reading = "azimuth") -> Case:
     given = draw(seed, trials, bench, PLANAR + TILTED, reading)
     steps = (*planar_plan(), *multi_angle_plan(reading))
     # Without noise its deviation still weighs the rows.

@@ -41,11 +41,13 @@ def vector(
     reading, design, slope = sensor.linearise(motion, c)
     residual = y - reading
     p, q = design.shape[-1], df.shape[-1]
-    rows = np.broadcast_shapes(design.shape[:-2], df.shape[:-2])
+    # Trials may differ in the slope alone, where the motion is exact in all of them.
+    rows = np.broadcast_shapes(design.shape[:-2], *((df.shape[:-2], slope.shape[:-2]) if q else ()))
     jacobian = np.empty((*rows, len(sensor.axes), p + q))
     jacobian[..., :p] = design
-    jacobian[..., p:] = slope[..., :3] @ df
-    if dw is not None:
+    if q:
+        jacobian[..., p:] = slope[..., :3] @ df
+    if q and dw is not None:
         jacobian[..., p:] += slope[..., 3:] @ dw
     flat = (*residual.shape[:-2], -1)
     return residual.reshape(flat), jacobian.reshape(*jacobian.shape[:-3], -1, p + q)

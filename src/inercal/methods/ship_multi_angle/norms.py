@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 NOTHING = 1e-9  # of the largest singular value: below, no equation sees a direction
 _FIRST, _MOST = 1e-3, 1e12  # μ of the largest eigenvalue: at the start, and where to give up
 _SETTLED = 1e-10  # g, or of one: the next step of what is nearly linear is nothing
-_ROUNDING = 1e-13
+_ROUNDING = 2.0**-46  # of the squares
 _STEPS = 200
 
 
@@ -96,7 +96,8 @@ def damped(a: Array, square: Array, start: Affine, most: int = _STEPS) -> Damped
         then = (residual(Affine.of(tried), a[now], square) ** 2).sum(-1)
         # A fall that is promised below the rounding of the sum cannot be seen in it.
         promised = (np.where(seen, pull, 0.0) ** 2).sum(-1)
-        better = (then <= cost[now]) | (promised <= _ROUNDING * cost[now])
+        slack = _ROUNDING * np.linalg.norm(square) * np.sqrt(cost[now])
+        better = (then <= cost[now]) | (promised <= slack)
         # Judged on the step that no damping shortens: a large μ makes any step small.
         whole = np.where(seen, pull / np.where(seen, s, 1.0), 0.0)
         left = np.linalg.norm(whole, axis=-1)
