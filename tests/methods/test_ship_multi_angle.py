@@ -167,18 +167,21 @@ def test_damping_from_the_identity_reaches_the_norms_and_not_the_vectors():
 # Devices
 
 
-@pytest.mark.parametrize(
-    ("name", "low", "high"), [("planar", 7.8, 9.0), ("joint", 2.1, 2.6), ("damped", 12, 18)]
-)
-def test_forty_devices_reach_the_note(name: str, low: float, high: float):
-    given, found = calibrated(name, 2, 40)
-    e = off(found, given)
+# mg: the note's median over forty devices, and what such a median scatters, 1σ.
+FORTY = {"planar": (8.3, 0.5), "joint": (2.3, 0.15), "damped": (16.0, 2.2)}
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("name", FORTY)
+def test_forty_devices_reach_the_note(name: str, seed: int):
+    given, found = calibrated(name, seed, 40)
+    e = off(found, given, seed)
     print(f"{name} {np.median(e):.2f} [{np.quantile(e, 0.95):.2f}] mg")
     assert found.converged.all()
-    assert low <= np.median(e) <= high
+    note, scatter = FORTY[name]
+    assert np.median(e) == pytest.approx(note, abs=3 * scatter)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_four_hundred_devices_reach_the_note(seed: int):
     median: dict[str, float] = {}

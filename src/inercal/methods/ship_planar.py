@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from inercal.benches.mountings import PLANES, planar_plan, tilted
 from inercal.benches.rate_table import RateTable, by_parameter, felt
 from inercal.errors import InputError, NotObserved
-from inercal.estimate import Estimate, Gaussian
+from inercal.estimate import Estimate, Gaussian, NullDirection
 from inercal.methods._base import Method
 from inercal.methods.affine import Affine, require_twelve, to_coefficients
 from inercal.methods.observed import require_observed
@@ -133,11 +133,60 @@ def require_excited(sensor: Sensor, bench: RateTable, steps: Sequence[Spin]) -> 
     )
 
 
-def known(sensor: Sensor, covariance: Array) -> Array:
-    """Return how well each direction is known, of the first trial: one over its deviation, (p,)."""
-    p = len(sensor.coefficients)
-    first = covariance.reshape(-1, p, p)[0] / np.outer(sensor.natural, sensor.natural)
-    return 1 / np.sqrt(np.maximum(np.linalg.eigvalsh(first), np.finfo(float).tiny))
+def unjudged(
+    sensor: Sensor,
+    model: Affine,
+    covariance: Array,
+    residual: Array,
+    variance: Array,
+    observations: tuple[str, ...],
+    *,
+    notes: tuple[str, ...],
+    rank: int = 12,
+    null_directions: tuple[NullDirection, ...] = (),
+    converged: NDArray[np.bool_] | None = None,
+    iterations: NDArray[np.intp] | None = None,
+) -> Estimate:
+    """Return the estimate of a model whose rows weigh alike and share the bench's errors.
+
+    Their residuals are no test of either: χ² has no degrees of freedom.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    model : Affine
+        Of (...) trials.
+    covariance : (..., 12, 12) array
+        Of θ, g.
+    residual, variance : (..., m) arrays
+        In g and g².
+    observations : tuple of m str
+    notes, rank, null_directions, converged, iterations
+        Of the estimate.
+    """
+    value, slope = to_coefficients(sensor, model)
+    whole = slope @ covariance @ np.swapaxes(slope, -1, -2)
+    trials, sd = value.shape[:-1], np.sqrt(variance)
+    first = whole.reshape(-1, 12, 12)[0] / np.outer(sensor.natural, sensor.natural)
+    known = np.maximum(np.linalg.eigvalsh(first), np.finfo(float).tiny)
+    return Estimate(
+        names=sensor.coefficients,
+        value=value,
+        covariance=whole,
+        chi2=np.zeros(trials),
+        dof=0,
+        residual=residual * G0,
+        whitened=residual / np.where(sd > 0, sd, np.inf),
+        observations=observations,
+        wanted=sensor.coefficients,
+        rank=rank,
+        singular_values=1 / np.sqrt(known),
+        null_directions=null_directions,
+        weakest=None,
+        converged=np.ones(trials, dtype=bool) if converged is None else converged,
+        iterations=np.ones(trials, dtype=np.intp) if iterations is None else iterations,
+        notes=notes,
+    )
 
 
 def planar(
@@ -194,29 +243,13 @@ def of_level(
     model, gain = level(a, f)
     at = np.array([3 * k + axis for k in rows for axis in range(3)])
     spread = of_rows(observations, bench, steps, model.matrix)[..., at, :][..., at]
-    value, slope = to_coefficients(sensor, model)
-    whole = slope @ gain
-    residual = (f - model.correct(a)).reshape(*a.shape[:-2], -1) * G0
-    sd = G0 * np.sqrt(np.diagonal(spread, axis1=-2, axis2=-1))
-    trials = value.shape[:-1]
-    covariance = whole @ spread @ np.swapaxes(whole, -1, -2)
-    estimate = Estimate(
-        names=sensor.coefficients,
-        value=value,
-        covariance=covariance,
-        # Rows weigh alike and share the bench's errors: their residuals are no test of either.
-        chi2=np.zeros(trials),
-        dof=0,
-        residual=residual,
-        whitened=residual / np.where(sd > 0, sd, np.inf),
-        observations=tuple(f"f{axis}[{step.label}]" for step in here for axis in "xyz"),
-        wanted=sensor.coefficients,
-        rank=12,
-        singular_values=known(sensor, covariance),
-        null_directions=(),
-        weakest=None,
-        converged=np.ones(trials, dtype=bool),
-        iterations=np.ones(trials, dtype=np.intp),
+    estimate = unjudged(
+        sensor,
+        model,
+        gain @ spread @ np.swapaxes(gain, -1, -2),
+        (f - model.correct(a)).reshape(*a.shape[:-2], -1),
+        np.diagonal(spread, axis1=-2, axis2=-1),
+        tuple(f"f{axis}[{step.label}]" for step in here for axis in "xyz"),
         notes=(
             "the mountings' nominal axes are the frame; what pose, seat and speed do to the "
             "coefficients is in their uncertainties",

@@ -28,18 +28,18 @@ from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate, Gaussian, least_squares
 from inercal.methods import vectors
 from inercal.methods._base import Method
-from inercal.methods.affine import Affine, require_twelve, to_affine, to_coefficients
+from inercal.methods.affine import Affine, require_twelve, to_affine
 from inercal.methods.observed import require_observed
 from inercal.methods.ship_multi_angle import norms
 from inercal.methods.ship_multi_angle.freedom import Free, free, seen
 from inercal.methods.ship_multi_angle.search import GOAL, Bounds, Found, Generation, search
 from inercal.methods.ship_planar import (
-    known,
     level,
     of_rows,
     planar,
     require_excited,
     require_rows,
+    unjudged,
 )
 from inercal.motion import Motion
 from inercal.plan import Spin
@@ -319,43 +319,27 @@ def _estimate(
 ) -> Estimate:
     """Return the estimate of norms; `decided` is by what, and whose uncertainty stands there."""
     a, square = _norms(observations, bench, steps, groups)
-    value, slope = to_coefficients(sensor, done.model)
-    whole = slope @ covariance @ np.swapaxes(slope, -1, -2)
-    at, trials = _columns(groups), value.shape[:-1]
+    at, r = _columns(groups), len(groups)
     spread = of_rows(observations, bench, steps, done.model.matrix)[..., at, :][..., at]
     v = done.model.correct(a)
     length = np.linalg.norm(v, axis=-1)
     along = v / length[..., None]
-    r = len(groups)
     blocks = np.einsum("...aiaj->...aij", spread.reshape(*spread.shape[:-2], r, 3, r, 3))
-    variance = np.einsum("...ai,...aij,...aj->...a", along, blocks, along)
-    residual = (np.sqrt(square) - length) * G0
-    sd = G0 * np.sqrt(variance)
-    first = (0,) * len(trials)
-    left = free(
+    first = (0,) * length[..., 0].ndim
+    one = Affine(done.model.matrix[first], done.model.offset[first])
+    left = free(sensor, one, a[first], spread[first])
+    return unjudged(
         sensor,
-        Affine(done.model.matrix[first], done.model.offset[first]),
-        a[first],
-        spread[first],
-    )
-    return Estimate(
-        names=sensor.coefficients,
-        value=value,
-        covariance=whole,
-        # Groups weigh alike and share the bench's errors: no test of either.
-        chi2=np.zeros(trials),
-        dof=0,
-        residual=residual,
-        whitened=residual / np.where(sd > 0, sd, np.inf),
-        observations=tuple(f"|f|[{steps[k].label}]" for k in groups),
-        wanted=sensor.coefficients,
+        done.model,
+        covariance,
+        np.sqrt(square) - length,
+        np.einsum("...ai,...aij,...aj->...a", along, blocks, along),
+        tuple(f"|f|[{steps[k].label}]" for k in groups),
+        notes=_warned(left, decided),
         rank=left.rank,
-        singular_values=known(sensor, whole),
         null_directions=(*left.turns, *left.blind),
-        weakest=None,
         converged=done.converged,
         iterations=done.steps,
-        notes=_warned(left, decided),
     )
 
 
