@@ -12,7 +12,7 @@ from inercal.benches.mountings import Reading, multi_angle_plan, planar_plan
 from inercal.benches.rate_table import RateTable
 from inercal.estimate import Estimate
 from inercal.methods.affine import to_affine
-from inercal.methods.ship_multi_angle import damped, joint, planar
+from inercal.methods.ship_multi_angle import damped, joint, planar, planar_norm
 from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import G0, triad
@@ -23,7 +23,7 @@ SENSOR = triad().with_coefficients("k0", "k1", "delta_o", "delta_p")
 STEPS = (*planar_plan(), *multi_angle_plan())
 TYPICAL = Bench()
 EXACT = Bench(pose=0.0, seat=0.0, speed=0.0, noise=0.0)
-ESTIMATORS = {"planar": planar, "damped": damped, "joint": joint}
+ESTIMATORS = {"planar": planar, "planar_norm": planar_norm, "damped": damped, "joint": joint}
 
 
 class Case(NamedTuple):

@@ -4,6 +4,7 @@
   each mounting, its radius, the speeds, the radius and gravity are nuisances with their stated
   deviations.
 * `planar`: the untilted states alone, linear (`inercal.methods.ship_planar`).
+* `planar_norm`: the untilted states as vectors and the tilted ones as norms, rows alike.
 * `damped`: the source's Levenberg–Marquardt on the norms of the tilted states, from `planar`.
 * `global`: the source's optimisation of the same norms, by differential evolution.
 
@@ -13,7 +14,7 @@ sum of squares validates neither.
 
 Source: Xiao Changrun, Liu Yang, Liu Ruijie, Transducer and Microsystem Technologies 33(10), 2014,
 10.13873/J.1000-9787(2014)10-0021-04; its equations are lost in the copy at hand and rebuilt from
-its text. `joint` and all covariances are ours.
+its text. `joint`, `planar_norm` and all covariances are ours.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -30,9 +31,9 @@ from inercal.methods import vectors
 from inercal.methods._base import Method
 from inercal.methods.affine import Affine, require_twelve, to_affine
 from inercal.methods.observed import require_observed
-from inercal.methods.ship_multi_angle import norms
+from inercal.methods.ship_multi_angle import both, norms
+from inercal.methods.ship_multi_angle.evolution import GOAL, Bounds, Found, Generation, search
 from inercal.methods.ship_multi_angle.freedom import Free, free, seen
-from inercal.methods.ship_multi_angle.search import GOAL, Bounds, Found, Generation, search
 from inercal.methods.ship_planar import (
     level,
     of_rows,
@@ -154,10 +155,10 @@ def damped(
         here = [steps[k] for k in rest]
         require_excited(sensor, bench, here)
         start, gain = level(observations.mean[..., rest, :] / G0, felt(bench, here, {}).f / G0)
-        stated, words = None, "the untilted states'"
+        stated, whose = None, "the untilted states"
     else:
         start, stated = _told(sensor, priors, bench, groups, steps)
-        gain, words = None, "the stated priors'"
+        gain, whose = None, "the stated priors"
     done = norms.damped(a, square, start)
     told = seen(done.model, a)
     spread = of_rows(observations, bench, steps, done.model.matrix)
@@ -169,7 +170,7 @@ def damped(
     if stated is not None:
         covariance = covariance + told.free @ stated @ told.free
     return _estimate(
-        observations, sensor, bench, steps, groups, done, covariance, f"the damping alone: {words}"
+        observations, sensor, bench, steps, groups, done, covariance, ("damping alone", whose)
     )
 
 
@@ -233,9 +234,63 @@ def global_(
         groups,
         done,
         told.gain @ spread @ told.gain.T + even,
-        "chance within the bounds: their",
+        ("chance", "an even distribution over the bounds"),
     )
     return replace(estimate, notes=(_goal(found), *estimate.notes))
+
+
+def planar_norm(
+    observations: Observations,
+    sensor: Sensor,
+    bench: RateTable,
+    steps: Sequence[Spin],
+    priors: Sequence[Gaussian] = (),
+) -> Estimate:
+    """Return the twelve coefficients by untilted states' vectors and tilted ones' norms.
+
+    Arguments as of `damped`, without priors. The covariance holds what the bench's errors do to the
+    result.
+
+    Raises
+    ------
+    InputError
+        Priors, another sensor, steps that are not those of the rows.
+    NotObserved
+        Fewer than twelve tilted states, or untilted ones that leave an axis unexcited.
+    """
+    if priors:
+        raise InputError("estimator planar_norm takes no priors; joint does")
+    groups = _groups("planar_norm", observations, sensor, steps)
+    rest = [k for k in range(len(steps)) if k not in groups]
+    here = [steps[k] for k in rest]
+    require_excited(sensor, bench, here)
+    a, square = _norms(observations, bench, steps, groups)
+    plain, f = observations.mean[..., rest, :] / G0, felt(bench, here, {}).f / G0
+    model, gain, converged = both.solve(plain, f, a, square)
+    residual, _ = both.linearised(model, plain, f, a, square)
+    # From errors of M a + p − f of all rows, axes within, to those of the rows as compared.
+    v = model.correct(a)
+    along = v / np.linalg.norm(v, axis=-1, keepdims=True)
+    lead, size = residual.shape[:-1], 3 * len(rest)
+    compared = np.zeros((*lead, residual.shape[-1], 3 * len(steps)))
+    compared[..., np.arange(size), _columns(rest)] = 1.0
+    for k, group in enumerate(groups):
+        compared[..., size + k, 3 * group : 3 * group + 3] = along[..., k, :]
+    spread = of_rows(observations, bench, steps, model.matrix)
+    spread = compared @ spread @ np.swapaxes(compared, -1, -2)
+    return unjudged(
+        sensor,
+        model,
+        gain @ spread @ np.swapaxes(gain, -1, -2),
+        residual,
+        np.diagonal(spread, axis1=-2, axis2=-1),
+        (
+            *(f"f{axis}[{step.label}]" for step in here for axis in "xyz"),
+            *(f"|f|[{steps[k].label}]" for k in groups),
+        ),
+        notes=("no direction is null; the untilted mountings' nominal axes are the frame",),
+        converged=converged,
+    )
 
 
 def _goal(found: Found) -> str:
@@ -315,9 +370,9 @@ def _estimate(
     groups: Sequence[int],
     done: norms.Damped,
     covariance: Array,
-    decided: str,
+    decided: tuple[str, str],
 ) -> Estimate:
-    """Return the estimate of norms; `decided` is by what, and whose uncertainty stands there."""
+    """Return the estimate of norms; `decided` is by what, and whose uncertainty it is then."""
     a, square = _norms(observations, bench, steps, groups)
     at, r = _columns(groups), len(groups)
     spread = of_rows(observations, bench, steps, done.model.matrix)[..., at, :][..., at]
@@ -343,15 +398,16 @@ def _estimate(
     )
 
 
-def _warned(left: Free, decided: str) -> tuple[str, ...]:
+def _warned(left: Free, decided: tuple[str, str]) -> tuple[str, ...]:
     """Say what norms left free, what decided it, and what they tell badly."""
     named = [one.words for one in (*left.turns, *left.blind)]
+    what, whose = decided
     said = [
-        f"warning: norms determine {left.rank} of 12 coefficients; {len(named)} directions were "
-        f"decided by {decided} uncertainty stands there: {'; '.join(named)}"
+        f"warning: norms determine {left.rank} of 12 coefficients; {what} decided "
+        f"{len(named)} directions, whose uncertainty is that of {whose}: {'; '.join(named)}"
     ]
     if left.weak:
-        said.append(f"warning: norms hardly tell {'; '.join(left.weak)}")
+        said.append(f"warning: norms tell badly {'; '.join(left.weak)}")
     return tuple(said)
 
 
@@ -361,6 +417,12 @@ METHOD = Method(
     finds={"f": ("k0", "k1", "delta_o", "delta_p")},
     needs=("f",),
     plan=plan,
-    estimators={"joint": joint, "planar": planar, "damped": damped, "global": global_},
+    estimators={
+        "joint": joint,
+        "planar": planar,
+        "planar_norm": planar_norm,
+        "damped": damped,
+        "global": global_,
+    },
     source="Xiao, Liu and Liu, Transducer and Microsystem Technologies 33(10), 2014",
 )

@@ -91,7 +91,7 @@ def free(sensor: Sensor, model: Affine, a: Array, spread: Array) -> Free:
     covariance = here.gain @ spread @ here.gain.T
     variance, moves = np.linalg.eigh(covariance)
     weak = tuple(
-        f"{_in_theta(move)} is known to {np.sqrt(v):.2g}"
+        f"{_in_theta(move)} (standard deviation {np.sqrt(v):.2g})"
         for v, move in zip(variance, moves.T, strict=True)
         if v > OBSERVED**2
     )
