@@ -12,8 +12,8 @@ from tests.methods.ship_cases import SENSOR, Case, case, off
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gaussian
 from inercal.methods.affine import Affine
-from inercal.methods.ship_multi_angle import Bounds, Generation, global_, search
-from inercal.methods.ship_multi_angle.evolution import GOAL
+from inercal.methods.ship_multi_angle import global_
+from inercal.methods.ship_multi_angle.evolution import GOAL, Bounds, Generation, search
 from inercal.methods.ship_multi_angle.norms import damped
 from inercal.methods.ship_planar import level
 

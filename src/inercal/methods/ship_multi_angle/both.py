@@ -6,14 +6,77 @@ The vectors tell the rotations that norms leave free, so that nothing has to be 
 are those of equal errors in g, and no nuisance is estimated: `joint` does both better. Ours.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.estimate import Problem, least_squares
+from inercal.benches.rate_table import RateTable, felt
+from inercal.errors import InputError
+from inercal.estimate import Estimate, Gaussian, Problem, least_squares
 from inercal.methods.affine import IDEAL, NAMES, Affine
 from inercal.methods.ship_multi_angle.norms import rows
+from inercal.methods.ship_multi_angle.states import columns, of_norms, tilted_rows
+from inercal.methods.ship_planar import of_rows, require_excited, unjudged
+from inercal.plan import Spin
+from inercal.recording import Observations
+from inercal.sensors import G0, Sensor
 
 Array = NDArray[np.float64]
+
+
+def planar_norm(
+    observations: Observations,
+    sensor: Sensor,
+    bench: RateTable,
+    steps: Sequence[Spin],
+    priors: Sequence[Gaussian] = (),
+) -> Estimate:
+    """Return the twelve coefficients by untilted states' vectors and tilted ones' norms.
+
+    Arguments as of `damped`, without priors. The covariance holds what the bench's errors do to the
+    result.
+
+    Raises
+    ------
+    InputError
+        Priors, another sensor, steps that are not those of the rows.
+    NotObserved
+        Fewer than twelve tilted states, or untilted ones that leave an axis unexcited.
+    """
+    if priors:
+        raise InputError("estimator planar_norm takes no priors; joint does")
+    groups = tilted_rows("planar_norm", observations, sensor, steps)
+    rest = [k for k in range(len(steps)) if k not in groups]
+    here = [steps[k] for k in rest]
+    require_excited(sensor, bench, here)
+    a, square = of_norms(observations, bench, steps, groups)
+    plain, f = observations.mean[..., rest, :] / G0, felt(bench, here, {}).f / G0
+    model, gain, converged = solve(plain, f, a, square)
+    residual, _ = linearised(model, plain, f, a, square)
+    # From errors of M a + p − f of all rows, axes within, to those of the rows as compared.
+    v = model.correct(a)
+    along = v / np.linalg.norm(v, axis=-1, keepdims=True)
+    lead, size = residual.shape[:-1], 3 * len(rest)
+    compared = np.zeros((*lead, residual.shape[-1], 3 * len(steps)))
+    compared[..., np.arange(size), columns(rest)] = 1.0
+    for k, group in enumerate(groups):
+        compared[..., size + k, 3 * group : 3 * group + 3] = along[..., k, :]
+    spread = of_rows(observations, bench, steps, model.matrix)
+    spread = compared @ spread @ np.swapaxes(compared, -1, -2)
+    return unjudged(
+        sensor,
+        model,
+        gain @ spread @ np.swapaxes(gain, -1, -2),
+        residual,
+        np.diagonal(spread, axis1=-2, axis2=-1),
+        (
+            *(f"f{axis}[{step.label}]" for step in here for axis in "xyz"),
+            *(f"|f|[{steps[k].label}]" for k in groups),
+        ),
+        notes=("no direction is null; the untilted mountings' nominal axes are the frame",),
+        converged=converged,
+    )
 
 
 def linearised(

@@ -1,0 +1,46 @@
+"""Which rows are of tilted states, what their norms should be, and where their axes stand."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches.mountings import tilted
+from inercal.benches.rate_table import RateTable, felt
+from inercal.errors import NotObserved
+from inercal.methods.affine import require_twelve
+from inercal.methods.ship_planar import require_rows
+from inercal.plan import Spin
+from inercal.recording import Observations
+from inercal.sensors import G0, Sensor
+
+Array = NDArray[np.float64]
+FEWEST = 12  # groups
+
+
+def tilted_rows(
+    name: str, observations: Observations, sensor: Sensor, steps: Sequence[Spin]
+) -> list[int]:
+    """Return the rows of the tilted states, or refuse too few."""
+    require_twelve(sensor)
+    require_rows(observations, sensor, steps)
+    groups = [k for k, step in enumerate(steps) if tilted(step)]
+    if len(groups) < FEWEST:
+        raise NotObserved(
+            f"not observed: {len(groups)} tilted states make {len(groups)} norms for {FEWEST} "
+            f"coefficients; estimator {name} needs {FEWEST} or more, joint takes what there is"
+        )
+    return groups
+
+
+def of_norms(
+    observations: Observations, bench: RateTable, steps: Sequence[Spin], groups: Sequence[int]
+) -> tuple[Array, Array]:
+    """Return readings of the groups, (..., r, 3) g, and A² + 1, (r,) g²."""
+    f = felt(bench, [steps[k] for k in groups], {}).f / G0
+    return observations.mean[..., groups, :] / G0, (f**2).sum(-1)
+
+
+def columns(rows: Sequence[int]) -> NDArray[np.intp]:
+    """Return where three axes of each row stand."""
+    return (3 * np.asarray(rows, dtype=np.intp)[:, None] + np.arange(3)).ravel()
