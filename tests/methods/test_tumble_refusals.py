@@ -107,7 +107,7 @@ def test_what_cannot_be_used_is_refused_in_one_line(estimator: Estimator):
         estimator(replace(seen(plan, np.zeros(12)), channels=("j",)), sensor(), EXACT, plan)
     with pytest.raises(InputError, match="has no coefficients to find"):
         run(estimator, plan, single())
-    with pytest.raises(InputError, match="two positions have one label"):
+    with pytest.raises(InputError, match="two steps have one label"):
         run(estimator, (*plan, plan[0]), sensor())
     across = replace(mounted(), axes=mounted().axes[1:]).with_coefficients("k0")
     with pytest.raises(InputError, match="on the head they are x and y"):

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import zip_longest
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,28 +43,6 @@ def plan(positions: int = 12, reverse: bool = True, seconds: float = 60.0) -> tu
     if positions < FEWEST:
         raise InputError(f"{positions} positions; a tumble needs {FEWEST} or more")
     return on_head(positions, reverse=reverse, seconds=seconds)
-
-
-def require_rows(observations: Observations, sensor: Sensor, steps: Sequence[Index]) -> None:
-    """Refuse steps or channels that are not those of the rows.
-
-    Raises
-    ------
-    InputError
-        Naming the first that differs, or a label that comes twice.
-    """
-    if observations.channels != sensor.channels:
-        raise InputError(
-            f"readings are of {', '.join(observations.channels)}, the sensor has "
-            f"{', '.join(sensor.channels)}"
-        )
-    labels = tuple(step.label for step in steps)
-    if len(set(labels)) < len(labels):
-        raise InputError("two positions have one label; give each its own")
-    if labels != observations.labels:
-        pairs = zip_longest(observations.labels, labels)
-        row, step = next(pair for pair in pairs if pair[0] != pair[1])
-        raise InputError(f"row {row} has step {step}; give the step of each row, in order")
 
 
 def problem(

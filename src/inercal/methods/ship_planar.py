@@ -23,6 +23,7 @@ from inercal.benches.mountings import PLANES, planar_plan, tilted
 from inercal.benches.rate_table import RateTable, by_parameter, felt
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate, Gaussian, NullDirection
+from inercal.methods import vectors
 from inercal.methods._base import Method
 from inercal.methods.affine import Affine, require_twelve, to_coefficients
 from inercal.methods.observed import require_observed
@@ -82,26 +83,6 @@ def of_rows(
     turned = np.einsum("...ij,...ajbk,...lk->...aibl", matrix, noise, matrix, optimize=True)
     made = by_parameter(bench, steps).reshape(-1, size)
     return (turned.reshape(*turned.shape[:-4], size, size) + made.T @ made) / G0**2
-
-
-def require_rows(observations: Observations, sensor: Sensor, steps: Sequence[Spin]) -> None:
-    """Refuse channels, labels or a number of steps that are not those of the rows.
-
-    Raises
-    ------
-    InputError
-        Naming what differs.
-    """
-    if observations.channels != sensor.channels:
-        raise InputError(
-            f"readings are of {', '.join(observations.channels)}, the sensor has "
-            f"{', '.join(sensor.channels)}"
-        )
-    if observations.labels != tuple(step.label for step in steps):
-        raise InputError(
-            f"rows {', '.join(observations.labels)} are not the steps "
-            f"{', '.join(step.label for step in steps)}; give the step of each row, in order"
-        )
 
 
 def require_excited(sensor: Sensor, bench: RateTable, steps: Sequence[Spin]) -> None:
@@ -220,7 +201,7 @@ def planar(
     if priors:
         raise InputError("estimator planar takes no priors; joint of ship_multi_angle does")
     require_twelve(sensor)
-    require_rows(observations, sensor, steps)
+    vectors.require_rows(observations, sensor, steps)
     rows = [k for k, step in enumerate(steps) if not tilted(step)]
     found = of_level(observations, sensor, bench, steps, rows)
     left = len(steps) - len(rows)

@@ -54,7 +54,7 @@ from inercal.benches.passes import even as even_angles
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate, Gaussian
 from inercal.estimate import least_squares as solve
-from inercal.methods import by_angle
+from inercal.methods import by_angle, vectors
 from inercal.methods import tumble_harmonics as harmonics
 from inercal.methods._base import Method
 from inercal.methods.dual_orthogonal import together
@@ -229,7 +229,7 @@ def _angles(observations: Observations, sensor: Sensor, steps: Sequence[Index]) 
         )
     if not sensor.coefficients:
         raise InputError(f"sensor {sensor.name} has no coefficients to find; choose some")
-    by_angle.require_rows(observations, sensor, steps)
+    vectors.require_rows(observations, sensor, steps)
     if not (observations.covariance > 0).all():
         raise InputError("a reading is stated without noise; give all of them their variance")
     angle = _angle(steps)

@@ -6,14 +6,17 @@ with their stated deviations.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import zip_longest
 
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.errors import InputError
 from inercal.estimate import Gauge, Gaussian, Problem
 from inercal.motion import Motion
 from inercal.observe import vector
 from inercal.parameters import Parameter
+from inercal.plan import Index, Spin
 from inercal.recording import Observations
 from inercal.sensors import G0, Sensor
 
@@ -40,6 +43,30 @@ class Felt:
 
 
 Feel = Callable[[Mapping[str, Array]], Felt]
+
+
+def require_rows(
+    observations: Observations, sensor: Sensor, steps: Sequence[Index] | Sequence[Spin]
+) -> None:
+    """Refuse steps or channels that are not those of the rows.
+
+    Raises
+    ------
+    InputError
+        Naming the first that differs, or a label that comes twice.
+    """
+    if observations.channels != sensor.channels:
+        raise InputError(
+            f"readings are of {', '.join(observations.channels)}, the sensor has "
+            f"{', '.join(sensor.channels)}"
+        )
+    labels = tuple(step.label for step in steps)
+    if len(set(labels)) < len(labels):
+        raise InputError("two steps have one label; give each its own")
+    if labels != observations.labels:
+        pairs = zip_longest(observations.labels, labels)
+        row, step = next(pair for pair in pairs if pair[0] != pair[1])
+        raise InputError(f"row {row} has step {step}; give the step of each row, in order")
 
 
 def problem(

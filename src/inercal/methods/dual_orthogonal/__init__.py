@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from inercal.benches.dividing_head import DividingHead
 from inercal.estimate import Estimate, Gaussian, least_squares
-from inercal.methods import by_angle
+from inercal.methods import by_angle, vectors
 from inercal.methods._base import Method
 from inercal.methods.dual_orthogonal import patent as four
 from inercal.methods.dual_orthogonal import square
@@ -67,7 +67,7 @@ def joint(
         Coefficients that these positions leave open.
     """
     square.require_mounted(sensor, alone=True)
-    by_angle.require_rows(observations, sensor, steps)
+    vectors.require_rows(observations, sensor, steps)
     square.require_positions(sensor, steps)
     estimate = least_squares(by_angle.problem(observations, sensor, bench, steps, priors))
     require_observed(estimate, sensor, missing=())
@@ -93,7 +93,7 @@ def patent(
         Cardinal positions that are missing, too few others, or K3 without a prior.
     """
     square.require_mounted(sensor)
-    by_angle.require_rows(observations, sensor, steps)
+    vectors.require_rows(observations, sensor, steps)
     steady = by_angle.drifting(observations, bench, steps)
     there = by_angle.as_stated(steady, sensor, bench, steps)
     estimate = four.estimate(there, sensor, bench, steps, priors)
@@ -120,7 +120,7 @@ def dual(
         Combinations of coefficients that g² and the priors leave free, named.
     """
     square.require_mounted(sensor)
-    by_angle.require_rows(observations, sensor, steps)
+    vectors.require_rows(observations, sensor, steps)
     square.require_positions(sensor, steps)
     square.require_told(sensor, bench, steps, priors)
     steady = by_angle.drifting(observations, bench, steps)
@@ -148,7 +148,7 @@ def single(
         Coefficients that these positions leave open.
     """
     square.require_mounted(sensor, alone=True)
-    by_angle.require_rows(observations, sensor, steps)
+    vectors.require_rows(observations, sensor, steps)
     steady = by_angle.drifting(observations, bench, steps)
     asked = by_angle.problem(steady, sensor, bench, steps, priors, exact=True)
     found = least_squares(asked)

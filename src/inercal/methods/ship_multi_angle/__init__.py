@@ -23,7 +23,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.mountings import multi_angle_plan, planar_plan
+from inercal.benches.mountings import Reading, multi_angle_plan, planar_plan
 from inercal.benches.rate_table import RateTable, felt, mountings
 from inercal.errors import NotObserved
 from inercal.estimate import Estimate, Gaussian, least_squares
@@ -32,26 +32,30 @@ from inercal.methods._base import Method
 from inercal.methods.observed import require_observed
 from inercal.methods.ship_multi_angle.both import planar_norm
 from inercal.methods.ship_multi_angle.by_norms import damped, global_
-from inercal.methods.ship_planar import planar, require_excited, require_rows
+from inercal.methods.ship_planar import planar, require_excited
 from inercal.motion import Motion
 from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import Sensor
 
 
-def plan(seconds: float = 150.0, one_speed: bool = False) -> tuple[Spin, ...]:
+def plan(
+    seconds: float = 150.0, reading: Reading = "azimuth", one_speed: bool = False
+) -> tuple[Spin, ...]:
     """Return the nine untilted states, then the sixteen groups.
 
     Parameters
     ----------
     seconds : float
         Length of each dwell, s.
+    reading : "azimuth", "dihedral" or "successive"
+        Of the pose of two tilts (`inercal.benches.mountings`).
     one_speed : bool
         Whether all groups are at one speed, as in the source.
     """
     return (
         *planar_plan(seconds=seconds),
-        *multi_angle_plan(one_speed=one_speed, seconds=seconds),
+        *multi_angle_plan(reading, one_speed=one_speed, seconds=seconds),
     )
 
 
@@ -83,7 +87,7 @@ def joint(
     NotObserved
         Coefficients that these states leave open.
     """
-    require_rows(observations, sensor, steps)
+    vectors.require_rows(observations, sensor, steps)
 
     def feel(q: Mapping[str, NDArray[np.float64]]) -> vectors.Felt:
         made = felt(bench, steps, q)
@@ -98,11 +102,16 @@ def joint(
             # Where the states are to blame, say what to add.
             require_excited(sensor, bench, steps)
         raise
-    said = (
-        f"all {len(sensor.coefficients)} coefficients are determined, no direction is null; the "
-        f"frame is the mean of {len(set(mountings(steps)))} mountings by their stated angles",
-    )
-    return replace(estimate, notes=(*said, *estimate.notes))
+    return replace(estimate, notes=(_told(estimate, steps), *estimate.notes))
+
+
+def _told(estimate: Estimate, steps: Sequence[Spin]) -> str:
+    """Say what the states determine, what priors did, and what the frame is."""
+    told = f"the states determine {estimate.rank} of {len(estimate.wanted)} coefficients"
+    if left := [one.words for one in estimate.null_directions]:
+        told += f"; warning: priors alone decided {'; '.join(left)}"
+    frame = f"the mean of {len(set(mountings(steps)))} mountings by their stated angles"
+    return f"{told}; the frame is {frame}"
 
 
 METHOD = Method(

@@ -218,7 +218,7 @@ def _estimate(
         tuple(f"|f|[{steps[k].label}]" for k in groups),
         notes=_warned(left, decided),
         rank=left.rank,
-        null_directions=(*left.turns, *left.blind),
+        null_directions=(*left.turns, *left.blind, *left.weak),
         converged=done.converged,
         iterations=done.steps,
     )
@@ -233,5 +233,6 @@ def _warned(left: Free, decided: tuple[str, str]) -> tuple[str, ...]:
         f"{len(named)} directions, whose uncertainty is that of {whose}: {'; '.join(named)}"
     ]
     if left.weak:
-        said.append(f"warning: norms tell badly {'; '.join(left.weak)}")
+        words = "; ".join(one.words for one in left.weak)
+        said.append(f"warning: accidents of the mountings alone show {words}")
     return tuple(said)

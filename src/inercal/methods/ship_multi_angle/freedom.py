@@ -2,7 +2,8 @@
 
 The right singular vectors of J whose singular value is nothing are what no group sees: three
 rotations of the triad always, and what the plan is blind to besides. Without a tilt of a second
-kind no pose presses on x and y together, and Exy + Eyx goes unseen.
+kind no pose presses on x and y together, and Exy + Eyx goes unseen. What only accidents of the
+mountings show, known no better than a tenth of its natural size, does not count as seen.
 
 The other directions Q are told by the groups, with the errors ε of M a + p − f by noise and bench;
 along the null directions N the result is as the start was::
@@ -56,8 +57,8 @@ class Free(NamedTuple):
 
     turns: tuple[NullDirection, ...]
     blind: tuple[NullDirection, ...]  # what the plan does not see besides
-    rank: int
-    weak: tuple[str, ...]  # what it sees, but no better than a tenth of its natural size
+    rank: int  # of the others
+    weak: tuple[NullDirection, ...]  # what it sees, no better than a tenth of its natural size
 
 
 def free(sensor: Sensor, model: Affine, a: Array, spread: Array) -> Free:
@@ -91,11 +92,11 @@ def free(sensor: Sensor, model: Affine, a: Array, spread: Array) -> Free:
     covariance = here.gain @ spread @ here.gain.T
     variance, moves = np.linalg.eigh(covariance)
     weak = tuple(
-        f"{_in_theta(move)} (standard deviation {np.sqrt(v):.2g})"
+        _named(sensor, slope @ move, f"{_in_theta(move)} (standard deviation {np.sqrt(v):.2g})")
         for v, move in zip(variance, moves.T, strict=True)
         if v > OBSERVED**2
     )
-    return Free(turns, blind, 12 - int(nothing.sum()), weak)
+    return Free(turns, blind, 12 - int(nothing.sum()) - len(weak), weak)
 
 
 def _named(sensor: Sensor, move: Array, words: str) -> NullDirection:

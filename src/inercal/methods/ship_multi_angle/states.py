@@ -9,7 +9,7 @@ from inercal.benches.mountings import tilted
 from inercal.benches.rate_table import RateTable, felt
 from inercal.errors import NotObserved
 from inercal.methods.affine import require_twelve
-from inercal.methods.ship_planar import require_rows
+from inercal.methods.vectors import require_rows
 from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import G0, Sensor
