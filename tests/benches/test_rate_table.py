@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.accuracy import rate_table as made
 
 from inercal.benches.mountings import PLANES, RPM, mounting, multi_angle_plan, planar_plan, tilted
 from inercal.benches.rate_table import RateTable, by_parameter, felt
@@ -58,6 +59,13 @@ def test_two_tilts_have_three_readings():
     for attitude in (dihedral, azimuth, successive):
         pair = np.array([attitude.out, attitude.up])
         assert pair @ pair.T == pytest.approx(np.eye(2), abs=1e-15)
+
+
+@pytest.mark.parametrize("reading", ["azimuth", "dihedral", "successive"])
+def test_all_states_are_those_of_the_generator(reading: Any):
+    bench = RateTable(Measured(made.G, 0.0), Measured(made.RADIUS, 0.0))
+    f = felt(bench, [*planar_plan(), *multi_angle_plan(reading)], {}).f / made.G
+    assert f == pytest.approx(made.nominal(made.PLANAR + made.TILTED, reading), abs=1e-15)
 
 
 def test_dihedral_angles_that_no_pose_has_are_refused():
