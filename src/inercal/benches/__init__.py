@@ -3,7 +3,8 @@
 from inercal.benches.centrifuge import Centrifuge
 from inercal.benches.dividing_head import DividingHead
 from inercal.benches.hand import Hand
+from inercal.benches.rate_table import RateTable
 
-Bench = Hand | Centrifuge | DividingHead
+Bench = Hand | Centrifuge | DividingHead | RateTable
 
-__all__ = ["Bench", "Centrifuge", "DividingHead", "Hand"]
+__all__ = ["Bench", "Centrifuge", "DividingHead", "Hand", "RateTable"]

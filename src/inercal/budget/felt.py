@@ -8,7 +8,15 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches import Bench, Centrifuge, DividingHead, Hand, dividing_head
+from inercal.benches import (
+    Bench,
+    Centrifuge,
+    DividingHead,
+    Hand,
+    RateTable,
+    dividing_head,
+    rate_table,
+)
 from inercal.benches.arm import felt_vector
 from inercal.benches.hand import felt, tilted
 from inercal.benches.passes import ramps
@@ -23,6 +31,7 @@ _STEPS: Mapping[type[Bench], tuple[type, ...]] = {
     Hand: (Hold, Turn),
     Centrifuge: (Spin,),
     DividingHead: (Index,),
+    RateTable: (Spin,),
 }
 
 
@@ -63,8 +72,14 @@ def parameters(bench: Bench, steps: Sequence[Step], sensor: Sensor) -> dict[str,
         return bench.nuisances(spins, vectors=True, dwells=True)
     if isinstance(bench, DividingHead):
         return bench.nuisances(_indexed(steps), sensor.channels)
+    if isinstance(bench, RateTable):
+        return bench.nuisances(_spun(steps))
     rates = any(axis.measures == "w" for axis in sensor.axes)
     return bench.nuisances([step for step in steps if isinstance(step, Hold | Turn)], rates=rates)
+
+
+def _spun(steps: Sequence[Step]) -> list[Spin]:
+    return [step for step in steps if isinstance(step, Spin)]
 
 
 def _indexed(steps: Sequence[Step]) -> list[Index]:
@@ -86,6 +101,8 @@ def motion(bench: Bench, steps: Sequence[Step], q: Mapping[str, Array]) -> Motio
         return Motion(made.f, made.w)
     if isinstance(bench, DividingHead):
         return Motion(dividing_head.felt(bench, _indexed(steps), q).f)
+    if isinstance(bench, RateTable):
+        return Motion(rate_table.felt(bench, _spun(steps), q).f)
     rows = [
         felt(step, step.seconds, _with_force(step, q))
         for step in steps

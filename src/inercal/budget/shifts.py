@@ -13,7 +13,7 @@ from math import degrees
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches import Bench, Centrifuge, DividingHead, Hand
+from inercal.benches import Bench, Centrifuge, DividingHead, Hand, RateTable
 from inercal.budget.experiment import Experiment
 from inercal.sensors import G0
 from inercal.units import Measured
@@ -51,6 +51,7 @@ EFFECTS: Mapping[type[Bench], tuple[Effect, ...]] = {
         Effect("stretch of the arm", "stretch", Measured(0.0, 0.0), "ppm/g", 1e6 * G0),
     ),
     DividingHead: (),
+    RateTable: (),
 }
 
 

@@ -9,6 +9,8 @@ from inercal.methods import (
     dual_orthogonal,
     ferraris,
     multi_position,
+    ship_multi_angle,
+    ship_planar,
     six_position,
     tumble,
 )
@@ -16,7 +18,16 @@ from inercal.methods._base import Method
 
 METHODS: Mapping[str, Method[Any, Any]] = {
     module.METHOD.name: module.METHOD
-    for module in (six_position, ferraris, multi_position, centrifuge_norm, dual_orthogonal, tumble)
+    for module in (
+        six_position,
+        ferraris,
+        multi_position,
+        centrifuge_norm,
+        dual_orthogonal,
+        tumble,
+        ship_planar,
+        ship_multi_angle,
+    )
 }
 
 

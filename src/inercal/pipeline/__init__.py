@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from inercal.benches import Bench, Centrifuge, Hand
+from inercal.benches import Bench, Centrifuge, DividingHead, Hand
 from inercal.calibration import Calibration, Frame
 from inercal.calibration.verdict import verdict
 from inercal.errors import InputError
@@ -21,7 +21,7 @@ from inercal.estimate import Estimate
 from inercal.io.table import sha256_of
 from inercal.methods.multi_position.timing import delay
 from inercal.parameters import Parameter
-from inercal.pipeline import by_hand, on_arm, on_head
+from inercal.pipeline import by_hand, on_arm, on_head, on_table
 from inercal.pipeline.inputs import Gathered, gyro_file, load_recording
 from inercal.pipeline.simulation import named_as_in, read_out, simulate
 from inercal.plan import Hold, Index, Spin, Step, Turn
@@ -44,7 +44,7 @@ class Outcome:
     observations : Observations
     steps : tuple of Step
         Of each observation.
-    bench : Hand, Centrifuge or DividingHead
+    bench : Hand, Centrifuge, DividingHead or RateTable
     recording : Recording or None
         None when means were read straight in.
     marks : tuple of Mark
@@ -78,8 +78,10 @@ class Outcome:
         if isinstance(bench, Centrifuge):
             spins = [step for step in steps if isinstance(step, Spin)]
             return bench.nuisances(spins, vectors=bench.indexing is not None)
-        indexed = [step for step in steps if isinstance(step, Index)]
-        return bench.nuisances(indexed, self.calibration.sensor.channels)
+        if isinstance(bench, DividingHead):
+            indexed = [step for step in steps if isinstance(step, Index)]
+            return bench.nuisances(indexed, self.calibration.sensor.channels)
+        return bench.nuisances([step for step in steps if isinstance(step, Spin)])
 
 
 def calibrate(run: Run | str | Path) -> Outcome:
@@ -148,7 +150,9 @@ def _gather(run: Run, bench: Bench) -> Gathered:
         return by_hand.gather(run, bench)
     if isinstance(bench, Centrifuge):
         return on_arm.gather(run, bench)
-    return on_head.gather(run, bench)
+    if isinstance(bench, DividingHead):
+        return on_head.gather(run, bench)
+    return on_table.gather(run, bench)
 
 
 def _frame(run: Run) -> Frame:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from inercal.benches import Centrifuge, Hand
+from inercal.benches import Centrifuge, Hand, RateTable
 from inercal.benches.arm_run import perform_on_arm, seconds_on_arm
 from inercal.benches.head_run import perform_on_head
 from inercal.benches.simulate import perform
@@ -38,6 +38,11 @@ def simulate(run: Run | str | Path, seed: int = 0, trials: int | None = None) ->
         No sampling rate, or a truth that names no coefficient.
     """
     run = run if isinstance(run, Run) else read(run)
+    if isinstance(run.bench, RateTable):
+        raise InputError(
+            f"{run.path}: a rate table is not simulated as a recording; inercal budget says what "
+            "its plan will give"
+        )
     if run.rate_hz is None:
         raise InputError(f"{run.path}: [data] rate is missing; a simulation needs it")
     lasting = sum(

@@ -2,8 +2,10 @@
 # matplotlib's stubs leave **kwargs untyped.
 # pyright: reportUnknownMemberType=false
 
+import re
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from markupsafe import Markup
@@ -20,6 +22,7 @@ from inercal.report.drawing import AXES, BAND, FAINT, INK, MINUS, PAPER, PLUS, S
 Array = NDArray[np.float64]
 KINDS = {"f": ("Accelerometers", "µg", 9.80665e-6), "w": ("Gyros", "°/h", np.pi / 648_000)}
 _BAND = 2.0  # standard deviations
+_NAMED = re.compile(r"([^\[\]]+)\[([^\[\]]+)\]")  # of an observation: the axis, the row
 _GROUP_UNITS = {"m/s²": ("mm/s²", 1e-3), "rad/s": ("°/h", np.pi / 648_000), "rad": ("mrad", 1e-3)}
 _COMPONENTS = {1: ("norm",), 2: ("across 1", "across 2"), 3: ("x", "y", "z")}
 _MARKERS = (*SHAPES, "D", "v", "<", ">")
@@ -31,29 +34,52 @@ def residuals(outcome: Outcome) -> Markup:
     """Return whitened residuals (above) and residuals in units (below), by position and turn."""
     if outcome.estimate.groups:
         return _residuals_by_group(outcome)
-    sensor, labels = outcome.calibration.sensor, outcome.observations.labels
-    whitened = outcome.estimate.whitened.reshape(len(labels), -1)
-    plain = outcome.estimate.residual.reshape(len(labels), -1)
-    norms = whitened.shape[1] == 1 < len(sensor.axes)
-    kinds = [kind for kind in KINDS if any(axis.measures == kind for axis in sensor.axes)]
-    figure, (first, second) = drawing.panels(
-        1.65, [drawing.room_for(()), drawing.room_for(labels)], len(kinds)
-    )
+    seen = _seen(outcome)
+    kinds = list(dict.fromkeys(kind for kind in seen.kinds))
+    rooms = [drawing.room_for(()), drawing.room_for(seen.rows)]
+    figure, (first, second) = drawing.panels(1.65, rooms, len(kinds))
     for upper, lower, kind in zip(first, second, kinds, strict=True):
-        members = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind]
-        names = [sensor.axes[k].name for k in members]
-        if norms:
-            members, names = [0], ["norm"]
+        members = [k for k, own in enumerate(seen.kinds) if own == kind]
+        names = [seen.parts[k] for k in members]
         title, unit, si = KINDS[kind]
-        _dots(upper, whitened[:, members], names, band=True)
-        _dots(lower, plain[:, members] / si, names, band=False)
-        drawing.name_positions(upper, labels, named=False)
-        drawing.name_positions(lower, labels)
+        _dots(upper, seen.whitened[:, members], names, band=True)
+        _dots(lower, seen.plain[:, members] / si, names, band=False)
+        drawing.name_positions(upper, seen.rows, named=False)
+        drawing.name_positions(lower, seen.rows)
         upper.set_title(title)
         upper.set_ylabel("standard deviations")
         lower.set_ylabel(unit)
         drawing.key(upper)
     return svg(figure, "residuals", "Residuals of each mean reading, by position and turn")
+
+
+class _Seen(NamedTuple):
+    """Residuals as a table, (rows, parts), NaN where a row has not that part."""
+
+    rows: Sequence[str]
+    parts: Sequence[str]
+    kinds: Sequence[str]  # of each part, "f" or "w"
+    whitened: Array
+    plain: Array
+
+
+def _seen(outcome: Outcome) -> _Seen:
+    """Return the residuals by the names of their observations, "ax[z_p]", or by their shape."""
+    estimate, sensor = outcome.estimate, outcome.calibration.sensor
+    measures = {axis.name: axis.measures for axis in sensor.axes}
+    named = [_NAMED.fullmatch(name) for name in estimate.observations]
+    found = [(one[1], one[2]) for one in named if one is not None]
+    if len(found) == estimate.whitened.size:
+        parts, rows = (list(dict.fromkeys(pair[k] for pair in found)) for k in (0, 1))
+        at = tuple(np.array([(rows.index(row), parts.index(part)) for part, row in found]).T)
+        whitened, plain = (np.full((len(rows), len(parts)), np.nan) for _ in range(2))
+        whitened[at], plain[at] = estimate.whitened, estimate.residual
+    else:
+        rows = outcome.observations.labels
+        whitened, plain = (x.reshape(len(rows), -1) for x in (estimate.whitened, estimate.residual))
+        alone = whitened.shape[1] == 1 < len(sensor.axes)
+        parts = ["norm"] if alone else [axis.name for axis in sensor.axes]
+    return _Seen(rows, parts, [measures.get(part, "f") for part in parts], whitened, plain)
 
 
 def _residuals_by_group(outcome: Outcome) -> Markup:

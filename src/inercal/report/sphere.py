@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-from inercal.benches import Centrifuge
+from inercal.benches import Centrifuge, RateTable, rate_table
 from inercal.benches.arm import felt_vector
 from inercal.motion import Motion
 from inercal.pipeline import Outcome
@@ -55,6 +55,8 @@ def attitudes(outcome: Outcome) -> list[Attitude]:
     """
     if isinstance(outcome.bench, Centrifuge):
         return _dwells(outcome, outcome.bench)
+    if isinstance(outcome.bench, RateTable):
+        return _on_table(outcome, outcome.bench)
     calibration = outcome.calibration
     felt: Motion = calibration.correct(calibration.sensor.to_output(outcome.observations.mean))
     found: list[Attitude] = []
@@ -81,6 +83,14 @@ def _dwells(outcome: Outcome, bench: Centrifuge) -> list[Attitude]:
         _measured(step, felt.f[k], None if made is None else made.f[k])
         for k, step in enumerate(spins)
     ]
+
+
+def _on_table(outcome: Outcome, bench: RateTable) -> list[Attitude]:
+    calibration = outcome.calibration
+    spins = [step for step in outcome.steps if isinstance(step, Spin)]
+    made = rate_table.felt(bench, spins, {})
+    felt = calibration.correct(calibration.sensor.to_output(outcome.observations.mean))
+    return [_measured(step, felt.f[k], made.f[k]) for k, step in enumerate(spins)]
 
 
 def _measured(step: Step, vector: Array, nominal: Array | None) -> Attitude:

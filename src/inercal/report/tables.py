@@ -138,6 +138,8 @@ def bench(outcome: Outcome) -> tuple[list[Grid], dict[str, list[tuple[str, float
         ("position", "By position"),
         ("turn", "By turn"),
         ("pass", "By pass"),
+        ("mounting", "By mounting"),
+        ("speed", "By speed"),
     ):
         names = [name for name, parameter in known.items() if parameter.scope == scope]
         if scope == "turn":

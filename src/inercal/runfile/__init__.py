@@ -16,7 +16,7 @@ from typing import Any, get_args
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
-from inercal.benches import Bench, Centrifuge, DividingHead, Hand
+from inercal.benches import Bench, Centrifuge, DividingHead, Hand, RateTable
 from inercal.errors import InputError
 from inercal.estimate import Gaussian
 from inercal.methods import Method, method
@@ -42,17 +42,29 @@ _PLAN = (
     ("rates", "rpm", "rates"),
     ("turns", "", "turns"),
 )
-_KINDS = {Hand: "hand", Centrifuge: "centrifuge", DividingHead: "dividing_head"}
-_NEEDED = {  # columns in [data] that a bench does not do without
-    Centrifuge: ("arm_rate", "the column of the arm's rate (and arm_rate_unit)"),
-    DividingHead: ("angle", "the column of the head's angle (and angle_unit)"),
+_KINDS = {
+    Hand: "hand",
+    Centrifuge: "centrifuge",
+    DividingHead: "dividing_head",
+    RateTable: "rate_table",
 }
-_OWN = {  # keys of [data] that belong to one kind of bench
-    "arm_rate": Centrifuge,
-    "attitude": Centrifuge,
-    "angle": DividingHead,
-    "autocollimator": DividingHead,
-    "level": DividingHead,
+_NEEDED: Mapping[
+    type[Bench], Mapping[str, str]
+] = {  # columns in [data] that a bench does not do without
+    Centrifuge: {"arm_rate": "the column of the arm's rate (and arm_rate_unit)"},
+    DividingHead: {"angle": "the column of the head's angle (and angle_unit)"},
+    RateTable: {
+        "arm_rate": "the column of the table's rate (and arm_rate_unit)",
+        "mounting": 'the column of mountings, such as "XY" or "ZY 30"',
+    },
+}
+_OWN: Mapping[str, tuple[type[Bench], ...]] = {  # keys of [data] that belong to some kinds of bench
+    "arm_rate": (Centrifuge, RateTable),
+    "attitude": (Centrifuge,),
+    "mounting": (RateTable,),
+    "angle": (DividingHead,),
+    "autocollimator": (DividingHead,),
+    "level": (DividingHead,),
 }
 _TRIAD = ("x", "y", "z")
 _SENSE = ", or negative for a turn clockwise seen from above"
@@ -72,7 +84,7 @@ class Run:
         With readouts, noise and the coefficients wanted; all axes, also those not calibrated.
     truth : mapping of str to float
         Coefficients for a simulation, SI.
-    bench : Hand, Centrifuge or DividingHead
+    bench : Hand, Centrifuge, DividingHead or RateTable
     data : DataSection
     method : Method
     estimator : str
@@ -253,11 +265,11 @@ def _require_columns(schema: RunSchema, bench: Bench) -> None:
     """Refuse columns that belong to another bench, and a bench without the columns it needs."""
     data, frame = schema.data, schema.sensor.frame
     kind = type(bench)
-    for key, owner in _OWN.items():
-        if getattr(data, key) is not None and owner is not kind:
-            raise InputError(f'[data] {key} goes with [bench] kind = "{_KINDS[owner]}"')
-    if kind in _NEEDED:
-        key, what = _NEEDED[kind]
+    for key, owners in _OWN.items():
+        if getattr(data, key) is not None and kind not in owners:
+            kinds = " or ".join(f'"{_KINDS[owner]}"' for owner in owners)
+            raise InputError(f"[data] {key} goes with [bench] kind = {kinds}")
+    for key, what in _NEEDED.get(kind, {}).items():
         if getattr(data, key) is None:
             raise InputError(f"[data] {key} is missing: name {what}")
     if frame != "mount" and kind is not Centrifuge:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from inercal.benches import Bench, Centrifuge, DividingHead, Hand
+from inercal.benches import Bench, Centrifuge, DividingHead, Hand, RateTable
 from inercal.benches.dividing_head import mounted
 from inercal.earth import earth_rate_up_north, normal_gravity
 from inercal.errors import InputError
@@ -13,6 +13,7 @@ from inercal.runfile.schema import (
     BenchSection,
     CentrifugeSection,
     DividingHeadSection,
+    RateTableSection,
     ReadoutSection,
     SensorSection,
 )
@@ -122,6 +123,8 @@ def build_bench(section: BenchSection, folder: Path) -> Bench:
         return _centrifuge(section)
     if isinstance(section, DividingHeadSection):
         return _dividing_head(section, folder)
+    if isinstance(section, RateTableSection):
+        return _rate_table(section)
     latitude = None
     if section.latitude is not None:
         latitude = si_value(section.latitude, "°", "[bench] latitude")
@@ -132,6 +135,20 @@ def build_bench(section: BenchSection, folder: Path) -> Bench:
         turn_angle=_deviation(section, "turn_angle", "°"),
         turn_tilt=_deviation(section, "turn_tilt", "°"),
         timebase=_deviation(section, "timebase", "1"),
+    )
+
+
+def _rate_table(section: RateTableSection) -> RateTable:
+    radius = measured(section.radius, "m", "[bench] radius")
+    if radius.value <= 0:
+        raise InputError(f"[bench] radius: {section.radius!r} must be positive")
+    return RateTable(
+        gravity=_gravity(section),
+        radius=radius,
+        seat=_deviation(section, "seat", "m"),
+        pose=_deviation(section, "pose", "°"),
+        rate=_deviation(section, "rate_error", "1"),
+        speed=_deviation(section, "speed", "1"),
     )
 
 

@@ -92,12 +92,24 @@ class DividingHeadSection(_BenchSection):
     drift: str = "0.5 µg"
 
 
+class RateTableSection(_BenchSection):
+    """[bench]: a plain rate table with a fixture, as for sensors of ship models."""
+
+    kind: Literal["rate_table"]
+    radius: str
+    seat: str = "0.5 mm"
+    pose: str = "0.2 °"
+    rate_error: str = "0 %"
+    speed: str = "0.05 %"
+
+
 BENCHES: dict[str, type[_BenchSection]] = {
     "hand": HandSection,
     "centrifuge": CentrifugeSection,
     "dividing_head": DividingHeadSection,
+    "rate_table": RateTableSection,
 }
-BenchSection = HandSection | CentrifugeSection | DividingHeadSection
+BenchSection = HandSection | CentrifugeSection | DividingHeadSection | RateTableSection
 
 
 class DataSection(_Section):
@@ -123,12 +135,17 @@ class DataSection(_Section):
         description="of means: the standard deviation of each",
     )
     seconds: str | int | None = Field(None, description="of means: column of durations, s")
-    arm_rate: str | int | None = Field(None, description="column of the rate of a centrifuge's arm")
+    arm_rate: str | int | None = Field(
+        None, description="column of the rate of a centrifuge's arm, or of a rate table"
+    )
     arm_rate_unit: str = Field("rpm", description="its unit, or the size of one: '0.5 rev/s'")
     attitude: tuple[str | int, str | int] | None = Field(
         None, description="of means on a centrifuge: columns of ψ and θ"
     )
     attitude_unit: str = "°"
+    mounting: str | int | None = Field(
+        None, description="on a rate table: column of mountings, 'XY' or 'ZY 30'"
+    )
     angle: str | int | None = Field(None, description="column of a dividing head's angle")
     angle_unit: str = "°"
     autocollimator: str | int | None = Field(
