@@ -28,6 +28,7 @@ SECTIONS: dict[str, type[BaseModel]] = {
     "[bench], by hand": schema.HandSection,
     "[bench], on a centrifuge": schema.CentrifugeSection,
     "[bench], on a dividing head": schema.DividingHeadSection,
+    "[bench], on a rate table": schema.RateTableSection,
     "[data]": schema.DataSection,
     "[method]": schema.MethodSection,
 }

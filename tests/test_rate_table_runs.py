@@ -1,0 +1,159 @@
+"""Run files on a rate table, from the table of states to the verdict."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inercal.budget.of_run import experiment_of
+from inercal.errors import InercalError, InputError, NotObserved
+from inercal.methods.affine import to_affine
+from inercal.pipeline import Outcome, calibrate, simulate
+from inercal.report import write_report
+from inercal.runfile import read
+from inercal.sensors import G0
+
+ROOT = Path(__file__).parents[1]
+EXAMPLE = ROOT / "examples" / "rate_table"
+# What the example's table was made with, apart from the package: scale factors − 1, biases in g.
+SCALE = (-0.01603863, -0.02648718, -0.00496723)
+BIAS = (-0.03833061, 0.06400076, 0.00811530)
+Rows = list[list[str]]
+
+
+def written(folder: Path, *changes: tuple[str, str], rows: Callable[[Rows], Rows] = list) -> Path:
+    """Return the example's run file with changes, beside its table with rows changed."""
+    text = (EXAMPLE / "ship.toml").read_text(encoding="utf-8")
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    path = folder / "ship.toml"
+    path.write_text(text, encoding="utf-8")
+    head, *body = (EXAMPLE / "ship.csv").read_text(encoding="utf-8").splitlines()
+    kept = rows([line.split(",") for line in body])
+    lines = [head, *(",".join(row) for row in kept)]
+    (folder / "ship.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def estimated(folder: Path, estimator: str, rows: Callable[[Rows], Rows] = list) -> Outcome:
+    name = 'name = "ship_multi_angle"'
+    return calibrate(written(folder, (name, f'{name}\nestimator = "{estimator}"'), rows=rows))
+
+
+def level(rows: Rows) -> Rows:
+    return [row for row in rows if row[0] in ("XY", "YX", "ZY")]
+
+
+def test_the_example_gives_its_accelerometer(tmp_path: Path):
+    outcome = calibrate(written(tmp_path))
+    calibration = outcome.calibration
+    assert outcome.estimate.consistent
+    for k, axis in enumerate("xyz"):
+        for name, true in ((f"a{axis}.k1", SCALE[k]), (f"a{axis}.k0", BIAS[k] * G0)):
+            assert abs(calibration.value(name) - true) < 3.5 * calibration.uncertainty(name)
+    assert calibration.uncertainty("ax.k0") < 0.6e-3 * G0
+    loose = {name for name, parameter in outcome.expected.items() if parameter.sd > 0}
+    assert loose <= set(outcome.estimate.names)
+    page = tmp_path / "ship.html"
+    write_report(outcome, page)
+    text = page.read_text(encoding="utf-8")
+    assert "By mounting" in text
+    assert "By speed" in text
+
+
+@pytest.mark.parametrize("estimator", ["planar", "planar_norm", "damped", "global"])
+def test_the_others_say_what_they_left_free(tmp_path: Path, estimator: str):
+    outcome = estimated(tmp_path, estimator)
+    write_report(outcome, tmp_path / "ship.html")
+    said = " ".join(outcome.verdict)
+    assert ("rotation of the triad about x" in said) == (estimator in ("damped", "global"))
+    joint = calibrate(written(tmp_path)).calibration
+    off = (outcome.calibration.values - joint.values) / outcome.calibration.std
+    assert np.abs(off).max() < 4
+    model, _ = to_affine(joint.sensor, joint.values)
+    assert model.matrix == pytest.approx(np.eye(3), abs=0.05)
+
+
+def test_planar_states_alone_do_for_ship_planar(tmp_path: Path):
+    name = ('name = "ship_multi_angle"', 'name = "ship_planar"')
+    alone = calibrate(written(tmp_path, name, rows=level)).calibration
+    both = estimated(tmp_path, "planar").calibration
+    assert alone.values == pytest.approx(both.values, rel=1e-9)
+    assert alone.method == "ship_planar"
+
+
+def test_a_budget_says_what_the_plan_gives(tmp_path: Path):
+    made = experiment_of(read(written(tmp_path)))
+    names = {line.name for line in made.imperfections}
+    assert {"pose", "seat", "speed", "radius", "gravity", "noise"} <= names
+    assert np.all(np.isfinite(made.stated()))
+
+
+def refused(path: Path, words: str, kind: type[InercalError] = InputError) -> None:
+    with pytest.raises(kind, match=words) as refusal:
+        calibrate(path)
+    assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('arm_rate = "rpm"', 'arm_rate = "rpm"\narm_rate_unit = "rad/s"', "readings' norm is"),
+        ('["ax", "ay", "az"]', '["ay", "ax", "az"]', "as x, y, z = ax, ay, az, not as ay, ax, az"),
+        ('"250 mm ± 0.3 mm"', '"0 mm"', r"radius: '0 mm' must be positive"),
+        ('"250 mm ± 0.3 mm"', '"25 mm"', "look at arm_rate_unit, \\[bench\\] radius and the scale"),
+        ('mounting = "mounting"\n', "", r"\[data\] mounting is missing: name the column"),
+        ('arm_rate = "rpm"\n', "", r"\[data\] arm_rate is missing: name the column of the table"),
+        ('kind = "means"\n', "", 'a rate table takes kind = "means"'),
+        ("mounting = \"mounting\"", 'mounting = "mounting"\nangle = "a"', 'kind = "dividing_head"'),
+        ('pose = "0.2 °"', 'pose = "-0.2 °"', "must not be negative"),
+        ('scale = "16384 LSB/g"', 'scale = "1000 LSB/g"', "readings' norm is"),
+    ],
+)  # fmt: skip
+def test_run_files_that_cannot_be_are_refused(tmp_path: Path, old: str, new: str, words: str):
+    refused(written(tmp_path, (old, new)), words)
+
+
+def test_rates_in_rad_per_s_are_found_by_the_norm(tmp_path: Path):
+    def in_rad(rows: Rows) -> Rows:
+        return [[row[0], f"{float(row[1]) * np.pi / 30:.6g}", *row[2:]] for row in rows]
+
+    refused(
+        written(tmp_path, rows=in_rad),
+        'the rates are in rad/s, not in rpm; state arm_rate_unit = "rad/s"',
+    )
+
+
+def test_an_axis_that_is_not_excited_is_named(tmp_path: Path):
+    def without_y(rows: Rows) -> Rows:
+        return [row for row in level(rows) if row[0] != "YX"]
+
+    for estimator in ("planar", "joint"):
+        name = 'name = "ship_multi_angle"'
+        change = (name, f'{name}\nestimator = "{estimator}"')
+        refused(written(tmp_path, change, rows=without_y), "y", NotObserved)
+
+
+def test_fewer_than_twelve_groups_are_refused(tmp_path: Path):
+    def few(rows: Rows) -> Rows:
+        return rows[:-5]
+
+    for estimator in ("damped", "global"):
+        with pytest.raises(InercalError, match=r"11 .*12"):
+            estimated(tmp_path, estimator, rows=few)
+
+
+def test_a_mounting_that_is_none_is_refused(tmp_path: Path):
+    def strange(rows: Rows) -> Rows:
+        return [["XZ", *rows[0][1:]], *rows[1:]]
+
+    refused(written(tmp_path, rows=strange), r"line 2: column 'mounting' is 'XZ'; a mounting is XY")
+
+
+def test_a_simulation_is_refused(tmp_path: Path):
+    run = read(written(tmp_path))
+    with pytest.raises(InputError, match="not simulated as a recording"):
+        simulate(replace(run, rate_hz=100.0))
