@@ -314,3 +314,25 @@ class Observations:
             for a in range(m):
                 full[..., :, a, :, a] += self.drift[..., a]
         return full.reshape(*full.shape[:-4], r * m, r * m)
+
+
+def joined(one: Observations, other: Observations) -> Observations:
+    """Return the rows of both, of the same channels; drift between them is taken as independent."""
+    r, s, m = len(one.labels), len(other.labels), len(one.channels)
+    drift = None
+    if one.drift is not None or other.drift is not None:
+        drift = np.zeros((r + s, r + s, m))
+        drift[:r, :r] = 0.0 if one.drift is None else one.drift
+        drift[r:, r:] = 0.0 if other.drift is None else other.drift
+    return Observations(
+        labels=(*one.labels, *other.labels),
+        mean=np.concatenate([one.mean, other.mean], axis=-2),
+        covariance=np.concatenate([one.covariance, other.covariance], axis=-3),
+        duration=np.concatenate([one.duration, other.duration]),
+        samples=np.concatenate([one.samples, other.samples]),
+        time=np.concatenate([one.time, other.time]),
+        channels=one.channels,
+        dof=min(one.dof, other.dof),
+        drift=drift,
+        rounding=one.rounding,
+    )

@@ -91,13 +91,14 @@ def columns(run: Run) -> Columns:
             for axis, column in zip(axes, given, strict=False)
         )
     apart = gyro_file(run) is not None
+    label = data.label if data.label is not None else data.mounting
     return Columns(
         channels=channels["f"] if apart else channels["f"] + channels["w"],
         second=channels["w"] if apart else (),
         time=None if data.time is None or data.kind == "means" else str(data.time),
         time_unit=data.time_unit,
         rate_hz=_column_rate(run),
-        label=None if data.label is None else str(data.label),
+        label=None if label is None else str(label),
         temperature=None if data.temperature is None else str(data.temperature),
         temperature_unit=data.temperature_unit,
         # In units of their columns: `readback_units` makes them SI.

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import permutations, product
 from math import pi, radians
-from typing import cast
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,14 +19,17 @@ from inercal.io.means import means_of, read_columns
 from inercal.pipeline.inputs import (
     Gathered,
     columns,
+    load_recording,
     plain,
     readback_columns,
     readback_units,
     stated_sd,
 )
 from inercal.plan import Attitude, Spin
-from inercal.recording import Observations
+from inercal.recording import Finding, Mark, Observations, Recording, joined
 from inercal.runfile import Run
+from inercal.segments import average_dwells, find_dwells, find_stands, observe
+from inercal.segments.dwells import ARM_RATE
 from inercal.units import readable
 
 Array = NDArray[np.float64]
@@ -50,12 +53,33 @@ def gather(run: Run, bench: RateTable) -> Gathered:
     InputError
         The data cannot be used.
     """
-    if run.data.kind != "means":
-        raise InputError(
-            f'{run.path}: [data] kind: a rate table takes kind = "means", one row a state'
-        )
     if run.data.seconds is not None:
         raise InputError(f"{run.path}: [data] seconds: states are means; leave it out")
+    made = _table(run) if run.data.kind == "means" else _recording(run)
+    _require_rates(run, made.observations, bench, made.steps)
+    _require_axes(run, made.observations, bench, made.steps)
+    return Gathered(
+        made.recording,
+        made.marks,
+        made.observations,
+        made.steps,
+        made.steps,
+        made.findings,
+        _conditions(bench, made.steps),
+    )
+
+
+class _States(NamedTuple):
+    """What a table or a recording holds."""
+
+    observations: Observations
+    steps: tuple[Spin, ...]
+    recording: Recording | None = None
+    marks: tuple[Mark, ...] = ()
+    findings: tuple[Finding, ...] = ()
+
+
+def _table(run: Run) -> _States:
     named, units = readback_columns(run), readback_units(run)
     wanted = columns(run)
     path = run.file(run.data.file)
@@ -79,9 +103,28 @@ def gather(run: Run, bench: RateTable) -> Gathered:
         Spin(label, rate, 0.0, pose)
         for label, rate, pose in zip(labels, rates.tolist(), poses, strict=True)
     )
-    _require_rates(run, observations, bench, steps)
-    _require_axes(run, observations, bench, steps)
-    return Gathered(None, (), observations, steps, steps, (), _conditions(bench, steps))
+    return _States(observations, steps)
+
+
+def _recording(run: Run) -> _States:
+    """Reduce a recording: rests as they are, what turns over whole turns once it is steady."""
+    recording, size = load_recording(run), readback_units(run)["arm_rate"]
+    recording = replace(recording, readback={ARM_RATE: recording.readback[ARM_RATE] * size})
+    dwells, left_out = find_dwells(recording)
+    turning, spun = average_dwells(recording, run.sensor, dwells)
+    rests = find_stands(recording)
+    names = [mark.label for mark in rests]
+    held = [Spin(name, 0.0) for name in names]
+    both = observe(recording, run.sensor, rests, held, found=True) if rests else None
+    observations = turning if both is None else joined(turning, both)
+    marks = (*(dwell.mark for dwell in dwells), *rests)
+    assert recording.labels is not None
+    steps: list[Spin] = []
+    for step, mark in zip((*spun, *held), marks, strict=True):
+        text, where = str(recording.labels[mark.start]), recording.where(mark.start)
+        pose = _pose(text, f"{recording.source} {where}: column {str(run.data.mounting)!r}")
+        steps.append(replace(step, attitude=pose))
+    return _States(observations, tuple(steps), recording, marks, recording.findings + left_out)
 
 
 def _pose(text: str, where: str) -> Attitude:

@@ -10,7 +10,7 @@ import numpy as np
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
-from inercal.benches import DividingHead
+from inercal.benches import DividingHead, RateTable
 from inercal.methods.observed import NOISE_ALONE
 from inercal.pipeline import Outcome
 from inercal.pipeline.judgement import judge
@@ -18,6 +18,7 @@ from inercal.plan import Hold, Index, Spin, Step, Turn
 from inercal.report import head as on_head
 from inercal.report import tables
 from inercal.report.figures import correlations, departures, residuals
+from inercal.report.speeds import speeds
 from inercal.report.sphere import Attitude, attitudes, missing_faces, sphere
 from inercal.report.traces import scatters, traces
 from inercal.sensors import G0
@@ -75,6 +76,7 @@ def page(outcome: Outcome, truth: Mapping[str, float] | None) -> str:
         residuals=residuals(outcome) if estimate.whitened.size else None,
         indexed=isinstance(bench, DividingHead),
         head=on_head.head(outcome, bench) if isinstance(bench, DividingHead) else None,
+        by_speed=speeds(outcome, bench) if isinstance(bench, RateTable) else None,
         spheres=(sphere(found, 1), sphere(found, -1)) if found else (),
         sections=sections(outcome, found),
         missing=missing_faces(found),

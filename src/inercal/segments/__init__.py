@@ -4,7 +4,7 @@ from inercal.segments.against_plan import check_against_plan, check_turn_ends
 from inercal.segments.attitudes import as_found, held, unflawed
 from inercal.segments.average import observe
 from inercal.segments.detect import find_marks
-from inercal.segments.dwells import average_dwells, find_dwells
+from inercal.segments.dwells import average_dwells, find_dwells, find_stands
 from inercal.segments.levels import scatter
 from inercal.segments.marks import check_marks, marks_from_labels
 from inercal.segments.passages import between_rests
@@ -21,6 +21,7 @@ __all__ = [
     "find_dwells",
     "find_marks",
     "find_rests",
+    "find_stands",
     "held",
     "marks_from_labels",
     "observe",

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.errors import InputError
-from inercal.plan import HandStep, Index, Turn
+from inercal.plan import Step, Turn
 from inercal.recording import Mark, Observations, Recording
 from inercal.segments.attitudes import FLAWS
 from inercal.segments.drift import drift_covariance
@@ -30,7 +30,7 @@ def observe(
     recording: Recording,
     sensor: Sensor,
     marks: Sequence[Mark],
-    steps: Sequence[HandStep | Index],
+    steps: Sequence[Step],
     *,
     by_hand: bool = False,
     found: bool = False,
@@ -43,7 +43,7 @@ def observe(
     sensor : Sensor
         Its axes name the channels that are used; its readout gives SI.
     marks : sequence of Mark
-    steps : sequence of HandStep or Index
+    steps : sequence of Step
     by_hand : bool
         The sensor trembles: the accelerometers' noise is judged along gravity
         (`inercal.segments.tremor`). Without a trial axis.
@@ -59,7 +59,7 @@ def observe(
     used = [step for step in steps if step.label in by_label]
     columns = [recording.channels.index(name) for name in sensor.channels]
 
-    def section(step: HandStep | Index) -> Array:
+    def section(step: Step) -> Array:
         # Made anew each time: all sections together may be as large as the recording.
         mark = by_label[step.label]
         return sensor.to_si(recording.data[..., mark.start : mark.stop, columns])
@@ -147,9 +147,7 @@ def _refuse_moves(recording: Recording, labels: Sequence[str], scatter: Array) -
         )
 
 
-def _refuse_flaws(
-    recording: Recording, mark: Mark, step: HandStep | Index, channels: Sequence[str]
-) -> None:
+def _refuse_flaws(recording: Recording, mark: Mark, step: Step, channels: Sequence[str]) -> None:
     """Refuse a section that holds saturated or stuck samples, or a turn with samples lost."""
     where = f"{recording.source}: section {mark.label} (samples {mark.start} to {mark.stop})"
     for flaw in recording.findings:

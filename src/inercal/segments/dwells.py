@@ -16,7 +16,7 @@ harmonic of the readings themselves keeps the azimuth in step with the arm.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import pi
 
@@ -39,6 +39,7 @@ _WINDOW = 0.5  # s
 _TURNING = 0.02  # of the fastest rate; slower is at rest
 _SETTLE = 1.0  # s after the rate is reached
 _LEAST_TURNS = 3
+_LEAST_REST = 3.0  # s
 _ALIKE = 0.01  # relative difference of rates that count as one
 _SAME = 5e-4  # rad between the angles read back of one attitude
 
@@ -102,6 +103,35 @@ def find_dwells(recording: Recording) -> tuple[tuple[Dwell, ...], tuple[Finding,
             f"{_SETTLE:g} s before{reasons}"
         )
     return tuple(dwells), tuple(left_out)
+
+
+def find_stands(recording: Recording) -> tuple[Mark, ...]:
+    """Return the marks of where a table stands still under one label: "XY at rest".
+
+    Parameters
+    ----------
+    recording : Recording
+        With readback "arm_rate", rad/s, and labels.
+    """
+    rate, labels = np.abs(recording.readback[ARM_RATE]), recording.labels
+    if labels is None:
+        return ()
+    still = rate <= _TURNING * rate.max()
+    edges = np.flatnonzero((labels[1:] != labels[:-1]) | (still[1:] != still[:-1])) + 1
+    settle = round(_SETTLE * recording.rate_hz)
+    least = round(_LEAST_REST * recording.rate_hz)
+    found: list[Mark] = []
+    for start, stop in pairwise([0, *edges.tolist(), labels.size]):
+        first, last = start + settle, stop - settle
+        name = str(labels[start]).strip()
+        if not still[start] or last - first < least or not name:
+            continue
+        mark = Mark(f"{name} at rest", first, last)
+        again = sum(other.label.startswith(mark.label) for other in found)
+        mark = replace(mark, label=f"{mark.label} ({again + 1})") if again else mark
+        if _flaw(recording, mark) is None:
+            found.append(mark)
+    return tuple(found)
 
 
 def _whole_turns(
