@@ -17,7 +17,13 @@ def dual_orthogonal() -> Study:
     return reproduce("dual-orthogonal", trials=400, seed=1)
 
 
-@pytest.fixture(params=["study", "dual_orthogonal"])
+@pytest.fixture(scope="session")
+def ship_model() -> Study:
+    """Return the third study, likewise."""
+    return reproduce("ship-model", trials=400, seed=1)
+
+
+@pytest.fixture(params=["study", "dual_orthogonal", "ship_model"])
 def each_study(request: pytest.FixtureRequest) -> Study:
     """Return one study after the other."""
     return request.getfixturevalue(request.param)

@@ -17,6 +17,7 @@ from inercal.studies.section import Runner, Say, Study
 STUDIES: Mapping[str, str] = {
     "centrifuge": "inercal.studies.centrifuge",
     "dual-orthogonal": "inercal.studies.dual_orthogonal",
+    "ship-model": "inercal.studies.ship_model",
 }
 """The studies by name, and the modules that run them."""
 TRIALS = 4000
