@@ -26,7 +26,7 @@ def run(trials: int, seed: int, say: Say) -> Study:
     searched = optimiser.compare(found.case, searches, seed)
     sections.append(optimiser.section(searched))
     reached = optimiser.few([one.off["default"] / 1e-3 for one in searched])
-    sections.append(estimators.section(found, reached))
+    sections.append(estimators.section(found, reached, searches))
     say("the model in waves")
     sections.append(check.section(found))
     return Study(

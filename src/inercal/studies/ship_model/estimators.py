@@ -80,8 +80,8 @@ def naive(case: Case, start: Affine) -> Affine:
     return Affine.of(theta)
 
 
-def section(found: Compared, searched: Median) -> Section:
-    """Return the section of the table; `searched` is what the optimiser reaches, mg."""
+def section(found: Compared, searched: Median, devices: int) -> Section:
+    """Return the section of the table; the optimiser reaches `searched`, mg, of so many devices."""
     apart = found.vectors(NAIVE)
     lost = float(np.mean(apart > 10 * found.vectors("planar")))
     table: list[tuple[str, list[str]]] = []
@@ -93,7 +93,9 @@ def section(found: Compared, searched: Median) -> Section:
         cells = [norm, *(shown(x, digits) for x in (vector.value, vector.high))]
         table.append((f"{name}: {words}", cells))
     of_search = shown(searched.value), shown(searched.high)
-    table.append(("global: the same norms, within ±10 %, ±0.2 g", ["as damped", *of_search]))
+    table.append(
+        (f"global: the same norms, {devices} devices and the largest", ["as damped", *of_search])
+    )
     best, plain = (median(found.vectors(name) / MILLI) for name in ("joint", "planar"))
     return Section(
         "estimators",

@@ -54,15 +54,18 @@ class Searched(NamedTuple):
 
 def compare(case: Case, devices: int, seed: int) -> list[Searched]:
     """Return what becomes of the first devices."""
-    return [_one(case.one(k), seed) for k in range(devices)]
+    # Chance decides the null directions: each search has its own.
+    return [_one(case.one(k), seed, 1000 * seed + k) for k in range(devices)]
 
 
-def _one(case: Case, seed: int) -> Searched:
+def _one(case: Case, seed: int, chance: int) -> Searched:
     a, poses = case.readings[case.groups], fresh(seed)
     start = level(case.readings[case.level], case.nominal[case.level]).model
     done = damped(a, case.square, start)
     found = {
-        name: search(a, case.square, bounds, seed=seed, seconds=_SECONDS, generations=_GENERATIONS)
+        name: search(
+            a, case.square, bounds, seed=chance, seconds=_SECONDS, generations=_GENERATIONS
+        )
         for name, bounds in BOUNDS.items()
     }
 
