@@ -119,9 +119,9 @@ def section(searched: Sequence[Searched]) -> Section:
         judge(SAME, ratio.value, np.hypot(ratio.u, _WITHIN / 2),
               "1 % counts as similar; they have one least sum, and reach it"),
         judge(VERIFIES, apart.value, norm,
-              f"u is the {shown(norm)} mg by which either errs in the norms; along the null "
-              "directions any coefficients have the same sum, so that two programs can agree on "
-              "it and both be wrong"),
+              f"u is the {shown(norm)} mg by which either errs in the norms; a triad turned "
+              "by any rotation has the same sum, so that two programs can agree on it and both "
+              "be wrong"),
     ]  # fmt: skip
     rows = [
         (f"{k + 1}", [f"{one.ratio:.6f}", shown(one.norm / MILLI), shown(one.off["damped"] / MILLI),
@@ -133,8 +133,8 @@ def section(searched: Sequence[Searched]) -> Section:
         "optimiser",
         "Optimiser: the same error, another sensor",
         (
-            "The source tells Isight to bring the error under 5 % and finds the errors of its own "
-            "program. Differential evolution, polished by the damped equations, stands for the "
+            "The source tells Isight to bring the error under 5 % and finds errors like those of its "
+            "own program. Differential evolution, polished by the damped equations, stands for the "
             "package; bounds are not in print, so two are tried: ±10 % of scale and cross-axis "
             "with ±0.2 g of bias, and ±100 % with ±1 g.",
         ),
