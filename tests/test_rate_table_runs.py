@@ -11,6 +11,7 @@ from inercal.budget.of_run import experiment_of
 from inercal.errors import InercalError, InputError, NotObserved
 from inercal.methods.affine import to_affine
 from inercal.pipeline import Outcome, calibrate, simulate
+from inercal.plan import Spin
 from inercal.report import write_report
 from inercal.runfile import read
 from inercal.sensors import G0
@@ -240,7 +241,8 @@ def test_a_recording_is_reduced_to_states(tmp_path: Path):
     for seed in range(6):
         outcome = calibrate(recording(tmp_path, seed))
         assert len(outcome.steps) == 36  # 12 mountings at rest, 46 and 86 r/min
-        assert {round(step.rate / RPM) for step in outcome.steps} == {0, 46, 86}
+        rates = {round(step.rate / RPM) for step in outcome.steps if isinstance(step, Spin)}
+        assert rates == {0, 46, 86}
         calibration = outcome.calibration
         truth = dict.fromkeys(calibration.sensor.coefficients, 0.0)
         for k, axis in enumerate("xyz"):
@@ -250,10 +252,10 @@ def test_a_recording_is_reduced_to_states(tmp_path: Path):
         print(seed, float(outcome.estimate.chi2), outcome.estimate.dof, np.abs(off / sd).max())
         found.append(float(off @ np.linalg.solve(calibration.covariance, off)) / off.size)
         assert outcome.estimate.consistent
+        write_report(outcome, tmp_path / "ship.html")
         assert max(calibration.uncertainty(f"a{axis}.k0") for axis in "xyz") < 0.5e-3 * G0
     # What the bench is stated to err by it does not here: noise alone is left.
     assert np.mean(found) < 1.2
-    write_report(outcome, tmp_path / "ship.html")
 
 
 def test_a_recording_that_never_turns_is_refused(tmp_path: Path):

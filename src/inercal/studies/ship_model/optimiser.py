@@ -133,9 +133,9 @@ def section(searched: Sequence[Searched]) -> Section:
         "optimiser",
         "Optimiser: the same error, another sensor",
         (
-            "The source tells Isight to bring the error under 5 % and finds errors like those of its "
-            "own program. Differential evolution, polished by the damped equations, stands for the "
-            "package; bounds are not in print, so two are tried: ±10 % of scale and cross-axis "
+            "The source tells Isight to bring the error under 5 % and finds errors like those of "
+            "its own program. Differential evolution, polished by the damped equations, stands for "
+            "the package; bounds are not in print, so two are tried: ±10 % of scale and cross-axis "
             "with ±0.2 g of bias, and ±100 % with ±1 g.",
         ),
         findings,
