@@ -52,6 +52,7 @@ def test_the_example_gives_its_accelerometer(tmp_path: Path):
     outcome = calibrate(written(tmp_path))
     calibration = outcome.calibration
     assert outcome.estimate.consistent
+    assert any(line.startswith("on fresh poses, in any attitude at") for line in outcome.verdict)
     for k, axis in enumerate("xyz"):
         for name, true in ((f"a{axis}.k1", SCALE[k]), (f"a{axis}.k0", BIAS[k] * G0)):
             assert abs(calibration.value(name) - true) < 3.5 * calibration.uncertainty(name)

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from inercal.benches import Bench, Centrifuge, DividingHead, Hand
+from inercal.benches import Bench, Centrifuge, DividingHead, Hand, RateTable
 from inercal.calibration import Calibration, Frame
 from inercal.calibration.verdict import verdict
-from inercal.errors import InputError
+from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate
 from inercal.io.table import sha256_of
 from inercal.methods.multi_position.timing import delay
@@ -96,9 +96,12 @@ def calibrate(run: Run | str | Path) -> Outcome:
     sensor, bench = run.sensor, run.bench
     gathered = _gather(run, bench)
     observations, findings = gathered.observations, gathered.findings
-    estimate = run.method.estimator(run.estimator)(
-        observations, sensor, bench, gathered.plan, run.priors
-    )
+    try:
+        estimate = run.method.estimator(run.estimator)(
+            observations, sensor, bench, gathered.plan, run.priors
+        )
+    except NotObserved as error:
+        raise NotObserved(f"{run.path}: {error}", error.directions) from None
     if isinstance(bench, Centrifuge) and not (estimate.dof and estimate.consistent):
         findings += on_arm.screened(run, bench, gathered)
     if not np.all(estimate.converged):
@@ -118,6 +121,10 @@ def calibrate(run: Run | str | Path) -> Outcome:
         conditions["delay of the gyros"] = text
         note = f"the gyros' samples are {text} later than the accelerometers'"
         estimate = replace(estimate, notes=(note, *estimate.notes))
+    if isinstance(bench, RateTable):
+        estimate = replace(
+            estimate, notes=(on_table.beside(sensor, estimate, bench, gathered), *estimate.notes)
+        )
     p = len(sensor.coefficients)
     lines = verdict(estimate, sensor, findings, run.estimator)
     calibration = Calibration(

@@ -15,7 +15,9 @@ from inercal.benches import RateTable
 from inercal.benches.mountings import PLANES, Plane, mounting
 from inercal.benches.rate_table import felt, mountings
 from inercal.errors import InputError
+from inercal.estimate import Estimate
 from inercal.io.means import means_of, read_columns
+from inercal.methods import fresh
 from inercal.pipeline.inputs import (
     Gathered,
     columns,
@@ -30,6 +32,7 @@ from inercal.recording import Finding, Mark, Observations, Recording, joined
 from inercal.runfile import Run
 from inercal.segments import average_dwells, find_dwells, find_stands, observe
 from inercal.segments.dwells import ARM_RATE
+from inercal.sensors import Sensor
 from inercal.units import readable
 
 Array = NDArray[np.float64]
@@ -209,6 +212,12 @@ def _require_axes(
             f"{order}, not as {', '.join(map(str, given))}: look at the columns' order and at how "
             "the sensor was mounted"
         )
+
+
+def beside(sensor: Sensor, estimate: Estimate, bench: RateTable, gathered: Gathered) -> str:
+    """Say what the result is off by on fresh poses, beside its residuals."""
+    fastest = max(abs(step.rate) for step in gathered.steps if isinstance(step, Spin))
+    return fresh.note(sensor, estimate, fastest, bench.radius.value, bench.gravity.value)
 
 
 def _conditions(bench: RateTable, steps: Sequence[Spin]) -> dict[str, str]:
