@@ -25,15 +25,16 @@ the base, and does not see it tilt.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from math import isfinite, pi, sqrt
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.benches.forces import Felt
 from inercal.benches.head_angles import acting, angles
-from inercal.benches.passes import pass_names
+from inercal.benches.passes import pass_names, ramps
 from inercal.errors import InputError
 from inercal.parameters import Parameter
 from inercal.plan import Index
@@ -218,20 +219,22 @@ def drift_names(channel: str, steps: Sequence[Index]) -> list[str]:
     return [f"drift_{channel}[{name}]" for name in pass_names(steps)]
 
 
-@dataclass(frozen=True, eq=False)
-class Felt:
-    """Specific force at each position, (..., r, 3) m/s², with derivatives.
+def drifted(steps: Sequence[Index], channels: Sequence[str], q: Mapping[str, Array]) -> Array:
+    """Return by how much the biases of m accelerometers have drifted, (..., r, m) m/s².
 
     Parameters
     ----------
-    f : (..., r, 3) array
-        In the sensor's frame.
-    by : mapping of str to (..., r, 3) array
-        ∂f by each of the bench's parameters that act.
+    steps : sequence of r Index
+    channels : sequence of m str
+    q : mapping of str to (...) array
+        The drifts by full name (`drift_names`), m/s² a pass.
     """
-
-    f: Array
-    by: Mapping[str, Array] = field(default_factory=dict[str, Array])
+    made = ramps(steps)
+    by_axis = [
+        np.stack([q[name] for name in drift_names(channel, steps)], axis=-1) @ made
+        for channel in channels
+    ]
+    return np.stack(by_axis, axis=-1)
 
 
 def felt(bench: DividingHead, steps: Sequence[Index], q: Mapping[str, Array]) -> Felt:
@@ -249,12 +252,14 @@ def felt(bench: DividingHead, steps: Sequence[Index], q: Mapping[str, Array]) ->
     InputError
         A collimated position on no face of the polygon.
     """
-    declared = bench.nuisances(steps)
-    value = {name: np.asarray(q.get(name, p.value)) for name, p in declared.items()}
     psi, weights = angles(bench, steps)
     for name, weight in weights.items():
-        psi = psi + weight * value[name][..., None]
-    g, lean = value["g"][..., None], value["lean"][..., None]
+        if name in q:  # all others are zero
+            psi = psi + weight * np.asarray(q[name])[..., None]
+    g, lean = (
+        np.asarray(q.get(name, at))[..., None]
+        for name, at in (("g", bench.gravity.value), ("lean", 0.0))
+    )
     # The sign of what is felt must not hang on how sin π is rounded.
     sine, cosine = (np.where(np.abs(x) < _ROUNDED, 0.0, x) for x in (np.sin(psi), np.cos(psi)))
     zero = np.zeros_like(psi)

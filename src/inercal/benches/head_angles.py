@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from inercal.benches.passes import (
     CARDINAL,
-    SAME,
-    beyond_turns,
     even,
+    near,
     pass_names,
     passes,
     places,
@@ -112,7 +111,7 @@ def _face(bench: "DividingHead", step: Index) -> tuple[float, float]:
     if n == 0:
         return step.angle, 0.0
     face = round(step.angle * n / (2 * pi))
-    if beyond_turns(step.angle - 2 * pi * face / n) > SAME:
+    if not near(step.angle, [2 * pi * face / n]):
         raise InputError(
             f"position {step.label}: {degrees(step.angle):.6g}° is on no face of a polygon of {n}, "
             f"which are {360 / n:.4g}° apart; give the certificate of the polygon that was used"
@@ -130,13 +129,11 @@ def _trimmed(bench: "DividingHead", steps: Sequence[Index]) -> list[int | None]:
     which = passes(steps)
     found: list[int | None] = []
     for k, step in enumerate(steps):
-        second = any(beyond_turns(step.angle - angle) < SAME for angle in CARDINAL[2:])
+        second = near(step.angle, CARDINAL[2:])
         opposite = [
             j
             for j, other in enumerate(steps)
-            if second
-            and which[j] <= which[k]
-            and beyond_turns(step.angle - other.angle - pi) < SAME
+            if second and which[j] <= which[k] and near(step.angle, [other.angle + pi])
         ]
         found.append(max(opposite, key=lambda j: (which[j], -j), default=None))
     return found

@@ -7,8 +7,7 @@ from math import pi
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.dividing_head import DividingHead, drift_names, felt
-from inercal.benches.passes import ramps
+from inercal.benches.dividing_head import DividingHead, drifted, felt
 from inercal.benches.simulate import Performance
 from inercal.motion import Motion
 from inercal.plan import Index
@@ -62,11 +61,7 @@ def perform_on_head(
     declared = bench.nuisances(steps, channels)
     drawn = {n: q.value + q.sd * rng.standard_normal(trials) for n, q in declared.items()}
     f = np.broadcast_to(felt(bench, steps, drawn).f, (trials, len(steps), 3))
-    made = ramps(steps)
-    drift = np.stack(
-        [np.stack([drawn[n] for n in drift_names(c, steps)], axis=-1) @ made for c in channels],
-        axis=-1,
-    )
+    drift = drifted(steps, channels, drawn)
     # A sample belongs to a position (share 0) or lies by its share on the way to the next.
     move = round(MOVE_SECONDS * rate_hz)
     which: list[Array] = []

@@ -1,6 +1,6 @@
 """Passes of a dividing head: once through its positions, in any order."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from math import pi
 
 import numpy as np
@@ -18,13 +18,17 @@ def beyond_turns(angle: float) -> float:
     return abs((angle + pi) % (2 * pi) - pi)
 
 
+def near(angle: float, others: Iterable[float]) -> bool:
+    """Return whether an angle, rad, is that of one of other positions, whole turns apart or not."""
+    return any(beyond_turns(angle - other) < SAME for other in others)
+
+
 def places(steps: Sequence[Index]) -> list[int]:
     """Return for each step the row at which its position was first visited."""
     found: list[int] = []
     first: list[int] = []
     for k, step in enumerate(steps):
-        near = (j for j in first if beyond_turns(steps[j].angle - step.angle) < SAME)
-        place = next(near, k)
+        place = next((j for j in first if near(step.angle, [steps[j].angle])), k)
         if place == k:
             first.append(k)
         found.append(place)
@@ -61,7 +65,7 @@ def lacking(steps: Sequence[Index]) -> dict[str, list[float]]:
     found: dict[str, list[float]] = {}
     for k, name in enumerate(pass_names(steps)):
         own = [step.angle for step, one in zip(steps, which, strict=True) if one == k]
-        missing = [c for c in CARDINAL if not any(beyond_turns(c - a) < SAME for a in own)]
+        missing = [angle for angle in CARDINAL if not near(angle, own)]
         if missing:
             found[name] = missing
     return found

@@ -16,13 +16,14 @@ section 1 (the table), 10.13873/J.1000-9787(2014)10-0021-04.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import isfinite, pi
 
 import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches.arm import directions
+from inercal.benches.forces import Felt
 from inercal.errors import InputError
 from inercal.frames import exp_so3, left_jacobian, skew
 from inercal.parameters import Parameter
@@ -129,21 +130,6 @@ def mountings(steps: Sequence[Spin]) -> list[str]:
         own = step.attitude.name if step.attitude else ""
         first.setdefault(step.attitude, own or step.label)
     return [first[step.attitude] for step in steps]
-
-
-@dataclass(frozen=True, eq=False)
-class Felt:
-    """Specific force in each dwell, (..., r, 3) m/s² in the sensor's frame, with derivatives.
-
-    Parameters
-    ----------
-    f : (..., r, 3) array
-    by : mapping of str to (..., r, 3) array
-        ∂f by each of the bench's parameters that act.
-    """
-
-    f: Array
-    by: Mapping[str, Array] = field(default_factory=dict[str, Array])
 
 
 def felt(bench: RateTable, steps: Sequence[Spin], q: Mapping[str, Array]) -> Felt:

@@ -40,7 +40,7 @@ class Experiment:
     ----------
     sensor : Sensor
         With the p coefficients that are estimated.
-    bench : Hand, Centrifuge or DividingHead
+    bench : Hand, Centrifuge, DividingHead or RateTable
         As stated to the estimator; its errors are drawn with the deviations it states.
     steps : tuple of r Step
         The plan.
@@ -177,7 +177,7 @@ class Experiment:
         readings : (n, r, m) array
         priors : tuple of Gaussian
             Means (n, k).
-        bench : Hand, Centrifuge or DividingHead, optional
+        bench : Hand, Centrifuge, DividingHead or RateTable, optional
             As stated to the estimator, where it is not the one that made the readings.
         """
         if self._takes_trials:

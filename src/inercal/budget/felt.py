@@ -19,7 +19,6 @@ from inercal.benches import (
 )
 from inercal.benches.arm import felt_vector
 from inercal.benches.hand import felt, tilted
-from inercal.benches.passes import ramps
 from inercal.errors import InputError
 from inercal.motion import Motion
 from inercal.parameters import Parameter
@@ -116,13 +115,7 @@ def drift(bench: Bench, steps: Sequence[Step], sensor: Sensor, q: Mapping[str, A
     """Return what biases have drifted by at each step, (..., r, m) m/s²; 0 where none does."""
     if not isinstance(bench, DividingHead):
         return np.zeros(())
-    indexed = _indexed(steps)
-    made = ramps(indexed)
-    by_axis = [
-        np.stack([q[name] for name in dividing_head.drift_names(channel, indexed)], axis=-1) @ made
-        for channel in sensor.channels
-    ]
-    return np.stack(by_axis, axis=-1)
+    return dividing_head.drifted(_indexed(steps), sensor.channels, q)
 
 
 def _with_force(step: HandStep, q: Mapping[str, Array]) -> Mapping[str, Array]:

@@ -13,10 +13,10 @@ positions of a pair are trimmed to one mark.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import degrees
+from math import degrees, pi
 
 from inercal.benches import DividingHead
-from inercal.benches.passes import CARDINAL, SAME, beyond_turns, lacking, passes
+from inercal.benches.passes import CARDINAL, lacking, near, passes
 from inercal.errors import InputError
 from inercal.plan import Index
 
@@ -120,16 +120,15 @@ def _mark(bench: DividingHead, step: Index, steps: Sequence[Index]) -> Index | N
     """Return the position whose reading a step's is matched to; None where none is taken."""
     if bench.collimated == "every":
         return steps[0]
-    square = any(beyond_turns(step.angle - angle) < SAME for angle in CARDINAL)
+    square = near(step.angle, CARDINAL)
     if bench.collimated == "none" or not square:
         return None
-    # Twice the angle is the same at both ends of a diameter.
-    return next(one for one in steps if beyond_turns(2 * (one.angle - step.angle)) < 2 * SAME)
+    return next(one for one in steps if near(one.angle, (step.angle, step.angle + pi)))
 
 
 def _second(step: Index) -> bool:
     """Return whether a step is the one of a pair that is trimmed: 180° or 270°."""
-    return any(beyond_turns(step.angle - angle) < SAME for angle in CARDINAL[2:])
+    return near(step.angle, CARDINAL[2:])
 
 
 def _require_pairs(steps: Sequence[Index]) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches import DividingHead
-from inercal.benches.passes import CARDINAL, SAME, beyond_turns, lacking, pass_names, places
+from inercal.benches.passes import CARDINAL, SAME, lacking, near, pass_names, places
 from inercal.errors import InputError
 from inercal.io.marks import as_read, marks_from_file
 from inercal.io.means import means_of, read_columns
@@ -55,6 +55,7 @@ def gather(run: Run, bench: DividingHead) -> Gathered:
     return Gathered(recording, marks, observations, steps, steps, findings, conditions)
 
 
+_FEW = 4  # positions may well lie within 6.28°
 _TURNS = 60.0  # rad; no run turns so often
 _Made = tuple[
     Recording | None, tuple[Mark, ...], Observations, tuple[Index, ...], tuple[Finding, ...]
@@ -116,7 +117,7 @@ def _require_filled(run: Run, table: Table) -> None:
 def _require_unit(run: Run, angle: Array) -> None:
     """Refuse angles that are in the other unit than stated: a turn is 6.28 rad or 360°."""
     reach, given = float(np.abs(angle).max(initial=0.0)), run.data.angle_unit
-    little = given in ("°", "deg") and angle.size > len(CARDINAL) and reach < 2 * pi
+    little = given in ("°", "deg") and angle.size > _FEW and reach < 2 * pi
     if little or (given == "rad" and reach > _TURNS):
         other = "rad" if little else "°"
         raise InputError(
@@ -208,7 +209,7 @@ def _collimated(bench: DividingHead, angle: Array) -> NDArray[np.bool_]:
     """Return at which angles the autocollimator is used."""
     if bench.collimated == "every":
         return np.ones(angle.size, dtype=np.bool_)
-    cardinal = [any(beyond_turns(a - c) < SAME for c in CARDINAL) for a in angle.tolist()]
+    cardinal = [near(a, CARDINAL) for a in angle.tolist()]
     return np.array(cardinal) & (bench.collimated == "pairs")
 
 
@@ -225,7 +226,7 @@ def _uncollimated(run: Run, bench: DividingHead, steps: Sequence[Index]) -> tupl
     found: list[Finding] = []
     for name, missing in lacking(steps).items():
         words = ", ".join(f"{angle * 180 / pi:.0f}°" for angle in missing)
-        away = [c for c in missing if not any(beyond_turns(c - s.angle) < SAME for s in steps)]
+        away = [angle for angle in missing if not near(angle, [step.angle for step in steps])]
         text = (
             "autocollimation is by pairs, 180° as 0° and 270° as 90° in each pass; "
             f"{name} has no {words}"

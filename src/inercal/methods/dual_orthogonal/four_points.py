@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.passes import CARDINAL, SAME
+from inercal.benches.passes import CARDINAL, near
 from inercal.errors import NotObserved
 from inercal.plan import Index
 
@@ -76,9 +76,7 @@ def rows(steps: Sequence[Index]) -> Array:
     NotObserved
         A cardinal position that was not visited.
     """
-    angles = np.array([step.angle for step in steps])
-    away = np.abs((angles - np.array(CARDINAL)[:, None] + pi) % (2 * pi) - pi)
-    there = away < SAME
+    there = np.array([[near(step.angle, [angle]) for step in steps] for angle in CARDINAL])
     lacking = [
         f"{180 * angle / pi:.0f}°" for k, angle in enumerate(CARDINAL) if not bool(there[k].any())
     ]

@@ -21,6 +21,7 @@ from inercal.estimate import Estimate, Gaussian, Problem, least_squares
 from inercal.methods.by_angle import by_bench
 from inercal.methods.dual_orthogonal import square
 from inercal.methods.dual_orthogonal.four_points import four_points, rows
+from inercal.methods.vectors import ROUNDING
 from inercal.plan import Index
 from inercal.recording import Observations
 from inercal.sensors import Sensor
@@ -216,7 +217,7 @@ def _problem(
         priors=priors,
         gauges=square.gauges(sensor),
         observations=others.labels,
-        rounding=g / smallest * 2.0**-50,
+        rounding=g / smallest * ROUNDING,
     )
 
 

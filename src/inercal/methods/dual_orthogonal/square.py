@@ -28,6 +28,7 @@ from inercal.benches.dividing_head import DividingHead, felt
 from inercal.benches.passes import places
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gauge, Gaussian, Problem, least_squares
+from inercal.methods.vectors import ROUNDING
 from inercal.motion import Motion
 from inercal.plan import Index
 from inercal.recording import Observations
@@ -55,7 +56,6 @@ NULLS: tuple[tuple[str, dict[str, float]], ...] = (
 PRIORS_WANTED = "kip of single tests and k3 of a centrifuge tell them; or take estimator joint"
 ANGLES = ("a.delta_o", "b.delta_o")
 _NEWTON = 4  # from an error of 1e-3 each step squares it
-_ROUNDING = 2.0**-50
 _MANY = 24  # positions that show all that there is
 _SHOWN = 1e-2  # singular value of the design; angles read anew, off by 1e-4, show nothing more
 
@@ -162,7 +162,7 @@ def problem(
         gauges=gauges(sensor),
         observations=observations.labels,
         known_nulls=null_vectors(sensor, g),
-        rounding=g / float(np.sqrt(np.diagonal(noise, axis1=-2, axis2=-1).min())) * _ROUNDING,
+        rounding=g / float(np.sqrt(np.diagonal(noise, axis1=-2, axis2=-1).min())) * ROUNDING,
     )
 
 

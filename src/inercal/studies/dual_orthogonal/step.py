@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches.dividing_head import Index, positions
+from inercal.benches.passes import near
 from inercal.errors import NotObserved
 from inercal.methods.dual_orthogonal import square
 from inercal.studies.claim import Claim, judge, shown
@@ -27,7 +28,6 @@ COUNTS = (6, 7, 8, 9, 10, 12, 16, 18, 24)
 WITHIN = range(9, 19)  # positions of whole turns in steps from 40° to 20°
 BEST = 12
 _OF_DUAL = 8  # one trial of dual for so many: at eight positions they go one by one
-_SAME = 1e-9  # rad
 _SHOWN = 1.0  # µg, the most in the chart
 
 RANGE = Claim("even steps from 20° to 40° that serve as they are", "claim 3", float(len(WITHIN)))
@@ -43,7 +43,7 @@ def with_cardinals(n: int) -> tuple[Index, ...]:
     lacking = [
         Index(f"c{k}", k * pi / 2)
         for k in range(4)
-        if min(abs(step.angle - k * pi / 2) for step in steps) > _SAME
+        if not near(k * pi / 2, [step.angle for step in steps])
     ]
     return tuple(sorted((*steps, *lacking), key=lambda step: step.angle))
 
