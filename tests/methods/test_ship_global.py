@@ -13,7 +13,7 @@ from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gaussian
 from inercal.methods.affine import Affine
 from inercal.methods.ship_multi_angle import global_
-from inercal.methods.ship_multi_angle.evolution import GOAL, Bounds, Generation, search
+from inercal.methods.ship_multi_angle.evolution import GOAL, Bounds, Generation, Options, search
 from inercal.methods.ship_multi_angle.norms import damped
 from inercal.methods.ship_planar import level
 
@@ -28,7 +28,7 @@ def one(seed: int = 1) -> Case:
 
 @cache
 def found(seed: int = 1):
-    return search(one(seed).draw.readings[0, 9:], SQUARE, seed=seed)
+    return search(one(seed).draw.readings[0, 9:], SQUARE, Options(seed=seed))
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -44,7 +44,7 @@ def test_it_finds_dampings_sum_of_squares_and_other_coefficients(seed: int):
 
 def test_sixteen_groups_take_less_than_twenty_seconds():
     began = process_time()
-    result = search(one(2).draw.readings[0, 9:], SQUARE, seed=5)
+    result = search(one(2).draw.readings[0, 9:], SQUARE, Options(seed=5))
     spent = process_time() - began
     print(f"{spent:.2f} s, {len(result.history)} generations")
     assert result.in_time
@@ -64,7 +64,7 @@ def test_the_papers_goal_is_met_long_before_the_end_and_far_from_the_truth():
 def test_with_wide_bounds_the_goal_is_met_by_a_sensor_that_is_off_by_a_g(seed: int):
     wide = Bounds(scale=1.0, cross=1.0, bias=1.0)
     given = one(seed)
-    result = search(given.draw.readings[0, 9:], SQUARE, wide, seed=seed)
+    result = search(given.draw.readings[0, 9:], SQUARE, Options(wide, seed))
     assert result.goal is not None
     m = result.model
     away = vector_rms(m.matrix[None], m.offset[None], given.draw, fresh(seed))[0]
@@ -76,22 +76,22 @@ def test_with_wide_bounds_the_goal_is_met_by_a_sensor_that_is_off_by_a_g(seed: i
 def test_history_is_the_best_member_after_each_generation():
     told: list[Generation] = []
     readings = one().draw.readings[0, 9:]
-    result = search(readings, SQUARE, seed=1, generations=20, progress=told.append)
+    result = search(readings, SQUARE, Options(seed=1), generations=20, progress=told.append)
     assert tuple(told) == result.history
     assert [g.number for g in told] == list(range(1, 21))
     costs = [g.cost for g in told]
     assert costs == sorted(costs, reverse=True)
-    again = search(readings, SQUARE, seed=1, generations=20)
+    again = search(readings, SQUARE, Options(seed=1), generations=20)
     assert again.history == result.history
-    assert search(readings, SQUARE, seed=2, generations=20).history != result.history
+    assert search(readings, SQUARE, Options(seed=2), generations=20).history != result.history
 
 
 def test_time_ends_it():
-    result = search(one().draw.readings[0, 9:], SQUARE, seconds=0.0)
+    result = search(one().draw.readings[0, 9:], SQUARE, Options(seconds=0.0))
     assert not result.in_time
     assert len(result.history) == 1
     given = one()
-    estimate = global_(given.seen, SENSOR, given.bench, given.steps, seconds=0.0)
+    estimate = global_(given.seen, SENSOR, given.bench, given.steps, options=Options(seconds=0.0))
     assert "it was ended after" in estimate.notes[0]
 
 
@@ -99,16 +99,16 @@ def test_the_search_stays_within_its_bounds():
     narrow = Bounds(scale=1e-3, cross=1e-3, bias=1e-3)
     assert narrow.half.max() == 1e-3
     readings = one().draw.readings[0, 9:]
-    result = search(readings, SQUARE, narrow, generations=30)
+    result = search(readings, SQUARE, Options(narrow), generations=30)
     wide = search(readings, SQUARE, generations=300)
     assert result.history[-1].cost > 10 * wide.history[-1].cost
 
 
 def test_the_estimate_warns_and_is_as_uncertain_as_the_bounds():
     given = one()
-    estimate = global_(given.seen, SENSOR, given.bench, given.steps, seed=1)
+    estimate = global_(given.seen, SENSOR, given.bench, given.steps, options=Options(seed=1))
     print(estimate.notes)
-    assert "the source's goal of 5% is met at generation" in estimate.notes[0]
+    assert "the goal of 5% is met at generation" in estimate.notes[0]
     assert "chance decided 3 directions" in estimate.notes[1]
     assert "rotation of the triad about x" in estimate.notes[1]
     assert estimate.rank == 9
@@ -148,6 +148,6 @@ def test_the_truth_itself_has_no_error():
     h, b = given.draw.matrix[0], given.draw.bias[0]
     readings = nominal(TILTED) @ h.T + b
     truth = Affine(h, b).inverse
-    result = search(readings, SQUARE, seed=1)
+    result = search(readings, SQUARE, Options(seed=1))
     assert result.cost < 1e-24
     assert np.abs(result.model.theta - truth.theta).max() > 0.01

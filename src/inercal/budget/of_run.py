@@ -49,7 +49,7 @@ def experiment_of(run: Run) -> Experiment:
             run.sensor,
             run.bench,
             run.steps,
-            run.method.estimator(run.estimator),
+            run.solver(),
             _noise(run),
             run.priors,
             believed | dict(run.truth),

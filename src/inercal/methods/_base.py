@@ -55,6 +55,8 @@ class Method(Generic[Bench, Step]):
     source : str
     free : bool
         Whether attitudes are free: rests are found and named by themselves, not from the plan.
+    framed : tuple of str
+        Estimators of norms, which see no rotation of the triad: its frame may be stated.
     """
 
     name: str
@@ -66,6 +68,7 @@ class Method(Generic[Bench, Step]):
     source: str
     also: Mapping[Kind, tuple[str, ...]] = field(default_factory=dict[Kind, tuple[str, ...]])
     free: bool = False
+    framed: tuple[str, ...] = ()
 
     def prepare(
         self, sensor: Sensor, coefficients: Sequence[str] = (), also: Sequence[str] = ()

@@ -32,6 +32,7 @@ from inercal.recording import Observations
 from inercal.sensors import G0, Sensor
 
 Array = NDArray[np.float64]
+_ROUNDING = 1e-13
 _SEEN = 1e-3  # of the largest singular value of what was felt: below, an axis is not excited
 
 
@@ -150,6 +151,7 @@ def unjudged(
     trials, sd = value.shape[:-1], np.sqrt(variance)
     first = whole.reshape(-1, 12, 12)[0] / np.outer(sensor.natural, sensor.natural)
     known = np.maximum(np.linalg.eigvalsh(first), np.finfo(float).tiny)
+    known = known[known > _ROUNDING * known[-1]]  # the others a stated frame fixes
     return Estimate(
         names=sensor.coefficients,
         value=value,

@@ -3,7 +3,7 @@
 run file ─> recording ─> audit ─> marks ─> observations ─> method's estimator ─> calibration
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import cached_property
@@ -20,6 +20,7 @@ from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate
 from inercal.io.table import sha256_of
 from inercal.methods.multi_position.timing import delay
+from inercal.methods.ship_multi_angle.evolution import Generation, History
 from inercal.parameters import Parameter
 from inercal.pipeline import by_hand, on_arm, on_head, on_table
 from inercal.pipeline.inputs import Gathered, gyro_file, load_recording
@@ -54,6 +55,8 @@ class Outcome:
         In plain words; the first line is the summary.
     rests : FoundRests or None
         How rests were found, where they were found without a plan.
+    search : History or None
+        How a search went, of an estimator that searches.
     """
 
     calibration: Calibration
@@ -66,6 +69,7 @@ class Outcome:
     findings: tuple[Finding, ...]
     verdict: tuple[str, ...]
     rests: FoundRests | None = None
+    search: History | None = None
 
     @cached_property
     def expected(self) -> Mapping[str, Parameter]:
@@ -84,8 +88,16 @@ class Outcome:
         return bench.nuisances([step for step in steps if isinstance(step, Spin)])
 
 
-def calibrate(run: Run | str | Path) -> Outcome:
+def calibrate(
+    run: Run | str | Path, progress: Callable[[Generation], None] | None = None
+) -> Outcome:
     """Calibrate from a run file. Writes nothing.
+
+    Parameters
+    ----------
+    run : Run or path
+    progress : callable, optional
+        Called after each generation of a search: number, least sum of squares, worst error.
 
     Raises
     ------
@@ -96,10 +108,15 @@ def calibrate(run: Run | str | Path) -> Outcome:
     sensor, bench = run.sensor, run.bench
     gathered = _gather(run, bench)
     observations, findings = gathered.observations, gathered.findings
+    generations: list[Generation] = []
+
+    def after(generation: Generation) -> None:
+        generations.append(generation)
+        if progress is not None:
+            progress(generation)
+
     try:
-        estimate = run.method.estimator(run.estimator)(
-            observations, sensor, bench, gathered.plan, run.priors
-        )
+        estimate = run.solver(after)(observations, sensor, bench, gathered.plan, run.priors)
     except NotObserved as error:
         raise NotObserved(f"{run.path}: {error}", error.directions) from None
     if isinstance(bench, Centrifuge) and not (estimate.dof and estimate.consistent):
@@ -114,7 +131,7 @@ def calibrate(run: Run | str | Path) -> Outcome:
             f"{run.path}: estimator {run.estimator} states no uncertainty for this noise: it may "
             "leave no root; use another estimator"
         )
-    conditions = gathered.conditions | _temperature(gathered.recording)
+    conditions = gathered.conditions | _temperature(gathered.recording) | _search(run)
     if run.time_offset:
         late = delay(observations, sensor, estimate, bench.gravity.value)
         text = f"{late.value * 1e3:+.2f} ± {2 * late.sd * 1e3:.2f} ms (k = 2)"
@@ -149,7 +166,20 @@ def calibrate(run: Run | str | Path) -> Outcome:
         findings,
         lines,
         gathered.rests,
+        run.search and History(run.search.goal, tuple(generations)),
     )
+
+
+def _search(run: Run) -> dict[str, str]:
+    if run.search is None:
+        return {}
+    bounds = run.search.bounds
+    return {
+        "search": f"seed {run.search.seed}, goal {100 * run.search.goal:.3g} %, at most "
+        f"{run.search.seconds:.3g} s",
+        "bounds of the search": f"scale ±{100 * bounds.scale:.3g} %, cross "
+        f"±{100 * bounds.cross:.3g} %, bias ±{bounds.bias:.3g} g",
+    }
 
 
 def _gather(run: Run, bench: Bench) -> Gathered:

@@ -5,7 +5,7 @@ names the file, the key and what is possible there.
 """
 
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
 from hashlib import sha256
@@ -16,19 +16,19 @@ from typing import Any, get_args
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
-from inercal.benches import Bench, Centrifuge, DividingHead, Hand, RateTable
+from inercal.benches import Bench
 from inercal.errors import InputError
 from inercal.estimate import Gaussian
 from inercal.methods import Method, method
+from inercal.methods._base import Estimator
+from inercal.methods.ship_multi_angle import global_
+from inercal.methods.ship_multi_angle.evolution import Generation, Options
 from inercal.plan import Step
 from inercal.runfile.build import build_bench, build_sensor, coefficient_value, si_value
+from inercal.runfile.checks import KINDS, axes_of, require_columns, require_frame, require_once
 from inercal.runfile.priors import prior_from, static_prior
-from inercal.runfile.schema import (
-    BENCHES,
-    DataSection,
-    MethodSection,
-    RunSchema,
-)
+from inercal.runfile.schema import BENCHES, DataSection, MethodSection, RunSchema
+from inercal.runfile.search import searching
 from inercal.sensors import Sensor
 
 # [method] keys of the plan: key, unit like, argument of the method's plan
@@ -42,31 +42,6 @@ _PLAN = (
     ("rates", "rpm", "rates"),
     ("turns", "", "turns"),
 )
-_KINDS = {
-    Hand: "hand",
-    Centrifuge: "centrifuge",
-    DividingHead: "dividing_head",
-    RateTable: "rate_table",
-}
-_NEEDED: Mapping[
-    type[Bench], Mapping[str, str]
-] = {  # columns in [data] that a bench does not do without
-    Centrifuge: {"arm_rate": "the column of the arm's rate (and arm_rate_unit)"},
-    DividingHead: {"angle": "the column of the head's angle (and angle_unit)"},
-    RateTable: {
-        "arm_rate": "the column of the table's rate (and arm_rate_unit)",
-        "mounting": 'the column of mountings, such as "XY" or "ZY 30"',
-    },
-}
-_OWN: Mapping[str, tuple[type[Bench], ...]] = {  # keys of [data] that belong to some kinds of bench
-    "arm_rate": (Centrifuge, RateTable),
-    "attitude": (Centrifuge,),
-    "mounting": (RateTable,),
-    "angle": (DividingHead,),
-    "autocollimator": (DividingHead,),
-    "level": (DividingHead,),
-}
-_TRIAD = ("x", "y", "z")
 _SENSE = ", or negative for a turn clockwise seen from above"
 
 
@@ -96,6 +71,8 @@ class Run:
         Whether the gyros' delay is asked for.
     planned : bool
         Whether [method] says something of the plan.
+    search : Options or None
+        What the search is told, of an estimator that searches.
     """
 
     path: Path
@@ -111,6 +88,7 @@ class Run:
     rate_hz: float | None
     time_offset: bool = False
     planned: bool = False
+    search: Options | None = None
 
     @cached_property
     def steps(self) -> tuple[Step, ...]:
@@ -125,6 +103,18 @@ class Run:
             return self.plan()
         except InputError as error:
             raise InputError(f"{self.path}: [method] {error}") from None
+
+    def solver(self, progress: Callable[[Generation], None] | None = None) -> Estimator[Any, Any]:
+        """Return the estimator, with what the run file says of its search if it is one.
+
+        Parameters
+        ----------
+        progress : callable, optional
+            Called after each generation of a search.
+        """
+        if self.search is None:
+            return self.method.estimator(self.estimator)
+        return partial(global_, options=self.search, progress=progress)
 
     def file(self, name: str) -> Path:
         """Return the path of a file named in the run file."""
@@ -175,17 +165,19 @@ def read(path: str | Path, method_keys: Mapping[str, object] | None = None) -> R
 def _build(path: Path, digest: str, schema: RunSchema) -> Run:
     chosen = method(schema.method.name)
     bench = build_bench(schema.bench, path.parent)
-    axes = _axes(schema.data.accelerometer, bench)
+    axes = axes_of(schema.data.accelerometer, bench)
     whole = build_sensor(schema.sensor, axes)
     part = chosen.prepare(whole, schema.method.coefficients, schema.method.also)
     if not isinstance(bench, chosen.bench):
         raise InputError(
-            f"[bench] kind: method {chosen.name} takes {_KINDS[chosen.bench]!r}, not "
+            f"[bench] kind: method {chosen.name} takes {KINDS[chosen.bench]!r}, not "
             f"{schema.bench.kind!r}"
         )
-    _require_columns(schema, bench)
+    require_columns(schema, bench)
     plan = _plan(chosen, schema.method)
     chosen.estimator(schema.method.estimator)
+    estimator = schema.method.estimator or next(iter(chosen.estimators))
+    require_frame(schema.sensor.frame, chosen, estimator)
     priors: list[Gaussian] = []
     for name, text in schema.method.prior.items():
         value = coefficient_value(part, name, text, "[method.prior]")
@@ -196,7 +188,7 @@ def _build(path: Path, digest: str, schema: RunSchema) -> Run:
         priors.append(static_prior(path.parent / schema.method.prior_file, part))
     for file, names in schema.method.prior_from.items():
         priors.append(prior_from(path.parent / file, names, part))
-    _require_once(priors)
+    require_once(priors)
     truth = {
         name: coefficient_value(whole.with_coefficients(name), name, text, "[sensor.truth]").value
         for name, text in schema.sensor.truth.items()
@@ -220,60 +212,14 @@ def _build(path: Path, digest: str, schema: RunSchema) -> Run:
         bench=bench,
         data=schema.data,
         method=chosen,
-        estimator=schema.method.estimator or next(iter(chosen.estimators)),
+        estimator=estimator,
         plan=plan,
         priors=tuple(priors),
         rate_hz=rate,
         time_offset=schema.method.time_offset,
         planned=any(getattr(schema.method, key) is not None for key, _, _ in _PLAN),
+        search=searching(schema.method, chosen, estimator),
     )
-
-
-def _require_once(priors: Sequence[Gaussian]) -> None:
-    """Refuse a coefficient that two sources tell: they may be one and the same."""
-    names = [name for prior in priors for name in prior.names]
-    twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
-    if twice:
-        raise InputError(
-            f"[method] {', '.join(twice)}: given by several of prior, prior_file and prior_from; "
-            "keep one source of each coefficient"
-        )
-
-
-def _axes(columns: tuple[str | int, ...], bench: Bench) -> int | None:
-    """Return how many accelerometers stand on a dividing head; None is a triad, elsewhere.
-
-    Raises
-    ------
-    InputError
-        Another number of columns than the bench takes.
-    """
-    n, key = len(columns), "[data] accelerometer"
-    if isinstance(bench, DividingHead):
-        if n not in (1, 2):
-            raise InputError(
-                f"{key}: name the columns of the one or two accelerometers on the head, such as "
-                f'["a", "b"]; there are {n}: {", ".join(map(str, columns))}'
-            )
-        return n
-    if n != len(_TRIAD):
-        raise InputError(f"{key}: {n} columns; name three, of {', '.join(_TRIAD)}")
-    return None
-
-
-def _require_columns(schema: RunSchema, bench: Bench) -> None:
-    """Refuse columns that belong to another bench, and a bench without the columns it needs."""
-    data, frame = schema.data, schema.sensor.frame
-    kind = type(bench)
-    for key, owners in _OWN.items():
-        if getattr(data, key) is not None and kind not in owners:
-            kinds = " or ".join(f'"{_KINDS[owner]}"' for owner in owners)
-            raise InputError(f"[data] {key} goes with [bench] kind = {kinds}")
-    for key, what in _NEEDED.get(kind, {}).items():
-        if getattr(data, key) is None:
-            raise InputError(f"[data] {key} is missing: name {what}")
-    if frame != "mount" and kind is not Centrifuge:
-        raise InputError(f"[sensor] frame {frame!r} is for norms on a centrifuge; leave it out")
 
 
 def _plan(chosen: Method[Any, Any], section: MethodSection) -> Callable[[], tuple[Step, ...]]:

@@ -162,6 +162,17 @@ class DataSection(_Section):
         return self
 
 
+class SearchSection(_Section):
+    """[method.search]: of estimator global of ship_multi_angle."""
+
+    seed: int = Field(0, ge=0)
+    time_limit: str = "20 s"
+    goal: str = Field("5 %", description="largest relative error of a norm")
+    scale_error: str = Field("10 %", description="bound of each, about nominal")
+    cross_axis: str = "10 %"
+    bias: str = "0.2 g"
+
+
 class MethodSection(_Section):
     """[method]."""
 
@@ -180,6 +191,7 @@ class MethodSection(_Section):
     attitudes: str | None = Field(None, description="plan of attitudes on a centrifuge")
     rates: tuple[str, ...] | None = Field(None, description="rates of the arm in the plan")
     turns: int | None = Field(None, description="whole turns that a dwell of the plan lasts")
+    search: SearchSection | None = None
     prior_file: str | None = Field(None, description="calibration of bias and scale in rest")
     prior: dict[str, str] = Field(default_factory=dict)
     prior_from: dict[str, dict[str, str]] = Field(

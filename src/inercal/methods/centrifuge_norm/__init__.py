@@ -217,5 +217,6 @@ METHOD = Method(
     needs=("f",),
     plan=plan,
     estimators={"ml": ml, "series": series, "series_weighted": series_weighted, "paper": paper},
+    framed=("ml",),
     source="Wang and Li, Navigation Positioning and Timing 8(6), 2021; IEEE Std 836",
 )

@@ -127,5 +127,6 @@ METHOD = Method(
         "damped": damped,
         "global": global_,
     },
+    framed=("damped", "global"),
     source="Xiao, Liu and Liu, Transducer and Microsystem Technologies 33(10), 2014",
 )

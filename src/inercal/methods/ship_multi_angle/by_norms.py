@@ -1,7 +1,8 @@
 """The source's estimators of the tilted states: damped equations of their norms, or a search.
 
 Norms see no rotation of the triad, and what damping or a search leaves there is no measurement.
-Both say what they left free, by name, and state there the uncertainty of what decided it.
+Both say what they left free, by name, and state there the uncertainty of what decided it. Where the
+sensor's frame is stated it takes the rotation's place: nothing else decides it, and both agree.
 """
 
 from collections.abc import Callable, Sequence
@@ -10,21 +11,22 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.rate_table import RateTable, felt
-from inercal.errors import InputError, NotObserved
-from inercal.estimate import Estimate, Gaussian
-from inercal.methods.affine import IDEAL, Affine, to_affine
-from inercal.methods.ship_multi_angle import norms
-from inercal.methods.ship_multi_angle.evolution import GOAL, Bounds, Found, Generation, search
-from inercal.methods.ship_multi_angle.freedom import Free, free, seen
+from inercal.benches.rate_table import RateTable
+from inercal.errors import InputError
+from inercal.estimate import Estimate, Gaussian, NullDirection
+from inercal.methods.affine import Affine
+from inercal.methods.ship_multi_angle import gauge, norms
+from inercal.methods.ship_multi_angle.evolution import Found, Generation, Options, search
+from inercal.methods.ship_multi_angle.freedom import Free, free, seen, turns_left
+from inercal.methods.ship_multi_angle.starts import start_of
 from inercal.methods.ship_multi_angle.states import columns, of_norms, tilted_rows
-from inercal.methods.ship_planar import level, of_rows, require_excited, unjudged
+from inercal.methods.ship_planar import of_rows, unjudged
 from inercal.plan import Spin
 from inercal.recording import Observations
-from inercal.sensors import G0, Sensor
+from inercal.sensors import Sensor
 
 Array = NDArray[np.float64]
-WIDE = Bounds()
+SEARCH = Options()
 
 
 def damped(
@@ -37,7 +39,8 @@ def damped(
     """Return the twelve coefficients by the norms of the tilted states, damped as in the source.
 
     Where norms leave a direction free the result is the start's, and so is its uncertainty: of
-    `planar` where there are untilted states, else of priors on all twelve coefficients.
+    `planar` where there are untilted states, else of priors on all twelve coefficients. Where the
+    sensor's frame is stated and norms see all else, the start is nominal and decides nothing.
 
     Parameters
     ----------
@@ -49,38 +52,27 @@ def damped(
     Raises
     ------
     InputError
-        Another sensor, steps that are not those of the rows, priors beside untilted states.
+        Another sensor, steps that are not those of the rows, priors beside untilted states or a
+        stated frame.
     NotObserved
         Fewer than twelve tilted states, or nothing that tells what norms leave free.
     """
     groups = tilted_rows("damped", observations, sensor, steps)
     a, square = of_norms(observations, bench, steps, groups)
-    rest = [k for k in range(len(steps)) if k not in groups]
-    if rest:
-        if priors:
-            raise InputError(
-                "damped takes priors in the place of untilted states; joint takes both"
-            )
-        here = [steps[k] for k in rest]
-        require_excited(sensor, bench, here)
-        start, gain = level(observations.mean[..., rest, :] / G0, felt(bench, here, {}).f / G0)
-        stated, whose = None, "the untilted states"
-    else:
-        start, stated = _told(sensor, priors, bench, groups, steps)
-        gain, whose = None, "the stated priors"
-    done = norms.damped(a, square, start)
+    start = start_of(observations, sensor, bench, steps, priors, groups)
+    done = _framed(sensor, norms.damped(a, square, start.model))
     told = seen(done.model, a)
     spread = of_rows(observations, bench, steps, done.model.matrix)
     whole = np.zeros((*told.gain.shape[:-1], 3 * len(steps)))
     whole[..., columns(groups)] = told.gain
-    if gain is not None:
-        whole[..., columns(rest)] = told.free @ gain
+    if start.gain is not None:
+        rest = [k for k in range(len(steps)) if k not in groups]
+        whole[..., columns(rest)] = told.free @ start.gain
     covariance = whole @ spread @ np.swapaxes(whole, -1, -2)
-    if stated is not None:
-        covariance = covariance + told.free @ stated @ told.free
-    return _estimate(
-        observations, sensor, bench, steps, groups, done, covariance, ("damping alone", whose)
-    )
+    if start.stated is not None:
+        covariance = covariance + told.free @ start.stated @ told.free
+    decided = ("damping alone", start.whose)
+    return _estimate(observations, sensor, bench, steps, groups, done, covariance, decided)
 
 
 def global_(
@@ -90,9 +82,7 @@ def global_(
     steps: Sequence[Spin],
     priors: Sequence[Gaussian] = (),
     *,
-    bounds: Bounds = WIDE,
-    seed: int = 0,
-    seconds: float = 20.0,
+    options: Options = SEARCH,
     progress: Callable[[Generation], None] | None = None,
 ) -> Estimate:
     """Return the twelve coefficients by a global search of the norms of the tilted states.
@@ -106,11 +96,8 @@ def global_(
         As of `damped`, of one table.
     priors : sequence of Gaussian
         None are taken.
-    bounds : Bounds
-        Of the search, about nominal.
-    seed : int
-    seconds : float
-        After which the search ends.
+    options : Options
+        Of the search: bounds about nominal, seed, seconds, goal.
     progress : callable, optional
         Called after each generation: number, least sum of squares, worst relative error.
 
@@ -127,14 +114,14 @@ def global_(
         raise InputError("estimator global works on one table at a time")
     groups = tilted_rows("global", observations, sensor, steps)
     a, square = of_norms(observations, bench, steps, groups)
-    found = search(a, square, bounds, seed=seed, seconds=seconds, progress=progress)
-    done = norms.Damped(
-        found.model, np.array(found.cost), np.array(True), np.array(len(found.history))
-    )
-    told = seen(found.model, a)
+    found = search(a, square, options, progress=progress)
+    count = np.array(len(found.history))
+    done = norms.Damped(found.model, np.array(found.cost), np.array(True), count)
+    done = _framed(sensor, done)
+    told = seen(done.model, a)
     at = columns(groups)
-    spread = of_rows(observations, bench, steps, found.model.matrix)[np.ix_(at, at)]
-    even = told.free @ np.diag(bounds.half**2 / 3) @ told.free
+    spread = of_rows(observations, bench, steps, done.model.matrix)[np.ix_(at, at)]
+    even = told.free @ np.diag(options.bounds.half**2 / 3) @ told.free
     estimate = _estimate(
         observations,
         sensor,
@@ -145,47 +132,25 @@ def global_(
         told.gain @ spread @ told.gain.T + even,
         ("chance", "an even distribution over the bounds"),
     )
-    return replace(estimate, notes=(_goal(found), *estimate.notes))
+    return replace(estimate, notes=(_went(found, options), *estimate.notes))
 
 
-def _goal(found: Found) -> str:
+def _went(found: Found, options: Options) -> str:
     """Say how the search went."""
     met = "is not met" if found.goal is None else f"is met at generation {found.goal}"
     ended = "" if found.in_time else f"; it was ended after {found.seconds:.3g} s"
     return (
-        f"the source's goal of {GOAL:.0%} {met}, and says nothing of the coefficients; after "
-        f"{len(found.history)} generations and polishing the largest error of a norm is "
-        f"{found.worst:.2g}, the sum of squares {found.cost:.4g} g⁴{ended}"
+        f"the goal of {100 * options.goal:.3g}% {met}, and says nothing of the coefficients; after "
+        f"{len(found.history)} generations of seed {options.seed} and polishing the largest error "
+        f"of a norm is {found.worst:.2g}, the sum of squares {found.cost:.4g} g⁴{ended}"
     )
 
 
-def _told(
-    sensor: Sensor,
-    priors: Sequence[Gaussian],
-    bench: RateTable,
-    groups: Sequence[int],
-    steps: Sequence[Spin],
-) -> tuple[Affine, Array]:
-    """Return where priors put θ, and their covariance of it, (12, 12); refuse where they do not."""
-    names = sensor.coefficients
-    untold = [name for name in names if not any(name in prior.names for prior in priors)]
-    if untold:
-        f = felt(bench, [steps[k] for k in groups], {}).f / G0
-        none = np.zeros((3 * len(f), 3 * len(f)))
-        left = free(sensor, Affine.of(IDEAL), f, none)
-        words = tuple(one.words for one in (*left.turns, *left.blind))
-        raise NotObserved(
-            f"not observed: norms leave free {'; '.join(words)}; add the untilted states XY, YX "
-            f"and ZY, or priors on all twelve coefficients ({', '.join(untold)} without), or use "
-            "joint: damping would decide in silence",
-            words,
-        )
-    rows = [prior.rows(names) for prior in priors]
-    root = np.concatenate([b for b, _ in rows])
-    covariance = np.asarray(np.linalg.inv(root.T @ root), dtype=float)
-    mean = np.concatenate([target for _, target in rows], axis=-1) @ root @ covariance
-    model, slope = to_affine(sensor, mean)
-    return model, slope @ covariance @ np.swapaxes(slope, -1, -2)
+def _framed(sensor: Sensor, done: norms.Damped) -> norms.Damped:
+    """Return the solution in the sensor's frame, where that is stated."""
+    if sensor.frame == "mount":
+        return done
+    return done._replace(model=gauge.symmetric(done.model))
 
 
 def _estimate(
@@ -209,6 +174,10 @@ def _estimate(
     first = (0,) * length[..., 0].ndim
     one = Affine(done.model.matrix[first], done.model.offset[first])
     left = free(sensor, one, a[first], spread[first])
+    if sensor.frame != "mount":
+        kept = gauge.restored(done.model)
+        covariance = kept @ covariance @ np.swapaxes(kept, -1, -2)
+    turns = turns_left(sensor, left)
     return unjudged(
         sensor,
         done.model,
@@ -216,22 +185,33 @@ def _estimate(
         np.sqrt(square) - length,
         np.einsum("...ai,...aij,...aj->...a", along, blocks, along),
         tuple(f"|f|[{steps[k].label}]" for k in groups),
-        notes=_warned(left, decided),
+        notes=_warned(left, turns, decided),
         rank=left.rank,
-        null_directions=(*left.turns, *left.blind, *left.weak),
+        null_directions=(*turns, *left.blind, *left.weak),
         converged=done.converged,
         iterations=done.steps,
     )
 
 
-def _warned(left: Free, decided: tuple[str, str]) -> tuple[str, ...]:
+def _warned(
+    left: Free, turns: tuple[NullDirection, ...], decided: tuple[str, str]
+) -> tuple[str, ...]:
     """Say what norms left free, what decided it, and what they tell badly."""
-    named = [one.words for one in (*left.turns, *left.blind)]
+    named = [one.words for one in (*turns, *left.blind)]
     what, whose = decided
-    said = [
-        f"warning: norms determine {left.rank} of 12 coefficients; {what} decided "
-        f"{len(named)} directions, whose uncertainty is that of {whose}: {'; '.join(named)}"
-    ]
+    seen_of = f"norms determine {left.rank} of 12 coefficients"
+    said: list[str] = []
+    if not turns:
+        said.append(
+            f"{seen_of}, the stated frame three: that of symmetric misalignments; how it stands in "
+            "the housing is not found"
+        )
+    if named:
+        directions = "direction" if len(named) == 1 else "directions"
+        said.append(
+            f"warning: {seen_of}; {what} decided {len(named)} {directions}, whose uncertainty is "
+            f"that of {whose}: {'; '.join(named)}"
+        )
     if left.weak:
         words = "; ".join(one.words for one in left.weak)
         said.append(f"warning: accidents of the mountings alone show {words}")

@@ -3,7 +3,8 @@
 SciPy's differential evolution (Storn and Price 1997) on the sum of squares of the norms' equations
 within bounds about nominal, then polished by the damped equations. The source tells its optimiser
 to bring the error under 5 %; what counts as error here is the largest over the groups of
-| |M a + p| / √(A² + 1) − 1 |. Coefficients that are nowhere near the truth meet it.
+| |M a + p| / √(A² + 1) − 1 |. Coefficients that are nowhere near the truth meet it. One seed makes
+one result, unless time ends the search.
 """
 
 # SciPy has no stubs.
@@ -50,6 +51,39 @@ class Bounds:
         return np.concatenate([matrix.ravel(), np.full(3, self.bias)])
 
 
+@dataclass(frozen=True)
+class Options:
+    """What a search is told.
+
+    Parameters
+    ----------
+    bounds : Bounds
+        About nominal.
+    seed : int
+    seconds : float
+        After which the best member is taken as it is.
+    goal : float
+        Largest relative error of a norm that counts as reaching it.
+    """
+
+    bounds: Bounds = Bounds()
+    seed: int = 0
+    seconds: float = 20.0
+    goal: float = GOAL
+
+
+class History(NamedTuple):
+    """How a search went: the best member after each generation, before polishing."""
+
+    goal: float
+    generations: tuple[Generation, ...]
+
+    @property
+    def met(self) -> int | None:
+        """The number of the generation that first met the goal."""
+        return next((g.number for g in self.generations if g.worst <= self.goal), None)
+
+
 @dataclass(frozen=True, eq=False)
 class Found:
     """What the search found.
@@ -63,7 +97,7 @@ class Found:
     history : tuple of Generation
         The best member after each generation, before polishing.
     goal : int or None
-        The generation that first met the source's goal.
+        The generation that first met the goal.
     seconds : float
         That it took.
     in_time : bool
@@ -87,10 +121,8 @@ def worst(model: Affine, a: Array, square: Array) -> float:
 def search(
     a: Array,
     square: Array,
-    bounds: Bounds = Bounds(),
+    options: Options = Options(),
     *,
-    seed: int = 0,
-    seconds: float = 20.0,
     generations: int = 1000,
     progress: Callable[[Generation], None] | None = None,
 ) -> Found:
@@ -102,10 +134,7 @@ def search(
         Readings in g.
     square : (r,) array
         A² + 1, g².
-    bounds : Bounds
-    seed : int
-    seconds : float
-        After which the best member is taken as it is.
+    options : Options
     generations : int
         At most.
     progress : callable, optional
@@ -113,7 +142,7 @@ def search(
     """
     began = perf_counter()
     history: list[Generation] = []
-    late = False
+    half, late = options.bounds.half, False
 
     def cost(thetas: Array) -> Array:
         # One column a member.
@@ -127,16 +156,16 @@ def search(
         )
         if progress is not None:
             progress(history[-1])
-        late = perf_counter() - began > seconds
+        late = perf_counter() - began > options.seconds
         if late:
             raise StopIteration
 
     best = differential_evolution(
         cost,
-        list(zip(IDEAL - bounds.half, IDEAL + bounds.half, strict=True)),
+        list(zip(IDEAL - half, IDEAL + half, strict=True)),
         maxiter=generations,
         popsize=_MEMBERS,
-        rng=np.random.default_rng(seed),
+        rng=np.random.default_rng(options.seed),
         callback=after,
         polish=False,
         updating="deferred",
@@ -148,7 +177,7 @@ def search(
         float(done.cost),
         worst(done.model, a, square),
         tuple(history),
-        next((g.number for g in history if g.worst <= GOAL), None),
+        History(options.goal, tuple(history)).met,
         perf_counter() - began,
         not late,
     )

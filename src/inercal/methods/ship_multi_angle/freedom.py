@@ -99,6 +99,11 @@ def free(sensor: Sensor, model: Affine, a: Array, spread: Array) -> Free:
     return Free(turns, blind, 12 - int(nothing.sum()) - len(weak), weak)
 
 
+def turns_left(sensor: Sensor, left: Free) -> tuple[NullDirection, ...]:
+    """Return the rotations that are left to a start or to chance: none where a frame is stated."""
+    return left.turns if sensor.frame == "mount" else ()
+
+
 def _named(sensor: Sensor, move: Array, words: str) -> NullDirection:
     natural = move / sensor.natural
     natural = natural / natural[np.argmax(np.abs(natural))]

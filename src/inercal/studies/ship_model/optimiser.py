@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inercal.methods.affine import Affine
-from inercal.methods.ship_multi_angle.evolution import GOAL, Bounds, Found, search
+from inercal.methods.ship_multi_angle.evolution import GOAL, Bounds, Found, Options, search
 from inercal.methods.ship_multi_angle.norms import damped
 from inercal.methods.ship_planar import level
 from inercal.studies.claim import Claim, judge, shown
@@ -63,9 +63,7 @@ def _one(case: Case, seed: int, chance: int) -> Searched:
     start = level(case.readings[case.level], case.nominal[case.level]).model
     done = damped(a, case.square, start)
     found = {
-        name: search(
-            a, case.square, bounds, seed=chance, seconds=_SECONDS, generations=_GENERATIONS
-        )
+        name: search(a, case.square, Options(bounds, chance, _SECONDS), generations=_GENERATIONS)
         for name, bounds in BOUNDS.items()
     }
 

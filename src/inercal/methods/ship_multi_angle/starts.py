@@ -1,0 +1,102 @@
+"""Where damping begins, and whose uncertainty the result has along what norms leave free."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches.rate_table import RateTable, felt
+from inercal.errors import InputError, NotObserved
+from inercal.estimate import Gaussian
+from inercal.methods.affine import IDEAL, Affine, to_affine
+from inercal.methods.ship_multi_angle.freedom import Free, free, turns_left
+from inercal.methods.ship_planar import level, require_excited
+from inercal.plan import Spin
+from inercal.recording import Observations
+from inercal.sensors import G0, Sensor
+
+Array = NDArray[np.float64]
+
+
+class Start(NamedTuple):
+    """Where damping begins, and what its uncertainty comes from."""
+
+    model: Affine
+    whose: str
+    gain: Array | None = None  # (..., 12, 3 r) of r untilted states
+    stated: Array | None = None  # (12, 12) of priors
+
+
+def start_of(
+    observations: Observations,
+    sensor: Sensor,
+    bench: RateTable,
+    steps: Sequence[Spin],
+    priors: Sequence[Gaussian],
+    groups: Sequence[int],
+) -> Start:
+    """Return the start: nominal where the frame leaves nothing to it, untilted states, or priors.
+
+    Raises
+    ------
+    InputError, NotObserved
+        As of `damped`.
+    """
+    rest = [k for k in range(len(steps)) if k not in groups]
+    if sensor.frame == "symmetric":
+        if priors:
+            raise InputError(
+                f"damped takes no priors beside [sensor] frame {sensor.frame!r}: norms and the "
+                "frame decide all"
+            )
+        if not _nominally(sensor, bench, steps, groups).blind:
+            return Start(Affine.of(IDEAL), "")
+    if not rest:
+        return _told(sensor, priors, bench, groups, steps)
+    if priors:
+        raise InputError("damped takes priors in the place of untilted states; joint takes both")
+    here = [steps[k] for k in rest]
+    require_excited(sensor, bench, here)
+    model, gain = level(observations.mean[..., rest, :] / G0, felt(bench, here, {}).f / G0)
+    return Start(model, "the untilted states", gain)
+
+
+def _told(
+    sensor: Sensor,
+    priors: Sequence[Gaussian],
+    bench: RateTable,
+    groups: Sequence[int],
+    steps: Sequence[Spin],
+) -> Start:
+    """Return where priors put θ, and their covariance of it; refuse where they do not."""
+    names = sensor.coefficients
+    untold = [name for name in names if not any(name in prior.names for prior in priors)]
+    if untold:
+        left = _nominally(sensor, bench, steps, groups)
+        words = tuple(one.words for one in (*turns_left(sensor, left), *left.blind))
+        others = (
+            f"priors on all twelve coefficients ({', '.join(untold)} without)"
+            if sensor.frame == "mount"
+            else "tilts of a second kind, as XY 135 + 45"
+        )
+        raise NotObserved(
+            f"not observed: norms leave free {'; '.join(words)}; add the untilted states XY, YX "
+            f"and ZY, or {others}, or use joint: damping would decide in silence",
+            words,
+        )
+    rows = [prior.rows(names) for prior in priors]
+    root = np.concatenate([b for b, _ in rows])
+    covariance = np.asarray(np.linalg.inv(root.T @ root), dtype=float)
+    mean = np.concatenate([target for _, target in rows], axis=-1) @ root @ covariance
+    model, slope = to_affine(sensor, mean)
+    stated = slope @ covariance @ np.swapaxes(slope, -1, -2)
+    return Start(model, "the stated priors", stated=stated)
+
+
+def _nominally(
+    sensor: Sensor, bench: RateTable, steps: Sequence[Spin], groups: Sequence[int]
+) -> Free:
+    """Return what the groups would leave free of an ideal sensor without noise."""
+    f = felt(bench, [steps[k] for k in groups], {}).f / G0
+    return free(sensor, Affine.of(IDEAL), f, np.zeros((f.size, f.size)))

@@ -1,0 +1,111 @@
+"""What the sections of a run file must say together, bench by bench and method by method."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from inercal.benches import Bench, Centrifuge, DividingHead, Hand, RateTable
+from inercal.errors import InputError
+from inercal.estimate import Gaussian
+from inercal.methods import METHODS, Method
+from inercal.runfile.schema import RunSchema
+
+KINDS = {
+    Hand: "hand",
+    Centrifuge: "centrifuge",
+    DividingHead: "dividing_head",
+    RateTable: "rate_table",
+}
+_NEEDED: Mapping[
+    type[Bench], Mapping[str, str]
+] = {  # columns in [data] that a bench does not do without
+    Centrifuge: {"arm_rate": "the column of the arm's rate (and arm_rate_unit)"},
+    DividingHead: {"angle": "the column of the head's angle (and angle_unit)"},
+    RateTable: {
+        "arm_rate": "the column of the table's rate (and arm_rate_unit)",
+        "mounting": 'the column of mountings, such as "XY" or "ZY 30"',
+    },
+}
+_OWN: Mapping[str, tuple[type[Bench], ...]] = {  # keys of [data] that belong to some kinds of bench
+    "arm_rate": (Centrifuge, RateTable),
+    "attitude": (Centrifuge,),
+    "mounting": (RateTable,),
+    "angle": (DividingHead,),
+    "autocollimator": (DividingHead,),
+    "level": (DividingHead,),
+}
+_TRIAD = ("x", "y", "z")
+
+
+def require_once(priors: Sequence[Gaussian]) -> None:
+    """Refuse a coefficient that two sources tell: they may be one and the same.
+
+    Raises
+    ------
+    InputError
+        Naming it.
+    """
+    names = [name for prior in priors for name in prior.names]
+    twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
+    if twice:
+        raise InputError(
+            f"[method] {', '.join(twice)}: given by several of prior, prior_file and prior_from; "
+            "keep one source of each coefficient"
+        )
+
+
+def axes_of(columns: tuple[str | int, ...], bench: Bench) -> int | None:
+    """Return how many accelerometers stand on a dividing head; None is a triad, elsewhere.
+
+    Raises
+    ------
+    InputError
+        Another number of columns than the bench takes.
+    """
+    n, key = len(columns), "[data] accelerometer"
+    if isinstance(bench, DividingHead):
+        if n not in (1, 2):
+            raise InputError(
+                f"{key}: name the columns of the one or two accelerometers on the head, such as "
+                f'["a", "b"]; there are {n}: {", ".join(map(str, columns))}'
+            )
+        return n
+    if n != len(_TRIAD):
+        raise InputError(f"{key}: {n} columns; name three, of {', '.join(_TRIAD)}")
+    return None
+
+
+def require_columns(schema: RunSchema, bench: Bench) -> None:
+    """Refuse columns that belong to another bench, and a bench without the columns it needs.
+
+    Raises
+    ------
+    InputError
+        Naming the key.
+    """
+    data, kind = schema.data, type(bench)
+    for key, owners in _OWN.items():
+        if getattr(data, key) is not None and kind not in owners:
+            kinds = " or ".join(f'"{KINDS[owner]}"' for owner in owners)
+            raise InputError(f"[data] {key} goes with [bench] kind = {kinds}")
+    for key, what in _NEEDED.get(kind, {}).items():
+        if getattr(data, key) is None:
+            raise InputError(f"[data] {key} is missing: name {what}")
+
+
+def require_frame(frame: str, chosen: Method[Any, Any], estimator: str) -> None:
+    """Refuse a frame that the user states where the estimator has its own.
+
+    Raises
+    ------
+    InputError
+        Naming the estimators that take one.
+    """
+    if frame == "mount" or estimator in chosen.framed:
+        return
+    possible = "; ".join(
+        f"{' and '.join(one.framed)} of {one.name}" for one in METHODS.values() if one.framed
+    )
+    raise InputError(
+        f"[sensor] frame {frame!r} is for estimators that see norms alone, {possible}; leave it "
+        f"out with {estimator} of {chosen.name}"
+    )
