@@ -31,6 +31,7 @@ SECTIONS: dict[str, type[BaseModel]] = {
     "[bench], on a rate table": schema.RateTableSection,
     "[data]": schema.DataSection,
     "[method]": schema.MethodSection,
+    "[method.search]": schema.SearchSection,
 }
 
 
@@ -101,6 +102,11 @@ def test_examples_of_quantities_on_the_run_file_page_can_be_read():
         "turn": "rad",
         "seconds": "s",
         "turn_seconds": "s",
+        "time_limit": "s",
+        "goal": "1",
+        "scale_error": "1",
+        "cross_axis": "1",
+        "bias": "m/s²",
     }
     read = 0
     for name, _, example, *_ in rows(page("reference/run-file.md")):

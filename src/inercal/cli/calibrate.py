@@ -15,7 +15,7 @@ def run(
 ) -> None:
     """Find a sensor's coefficients and their uncertainties from a recording."""
     from inercal.calibration.files import as_object, save
-    from inercal.cli.show import as_json, as_table, working
+    from inercal.cli.show import as_json, as_table, told, working
     from inercal.errors import InputError
     from inercal.pipeline import calibrate
     from inercal.runfile import read
@@ -23,8 +23,9 @@ def run(
     if not out.is_dir():
         raise InputError(f"{out}: no such folder to write to")
     plan = read(run_file)
-    with working(f"calibrating {plan.sensor.name} from {plan.data.file}"):
-        outcome = calibrate(plan)
+    doing = f"calibrating {plan.sensor.name} from {plan.data.file}"
+    with working(doing) as say:
+        outcome = calibrate(plan, lambda generation: say(f"{doing}: {told(generation)}"))
         result = out / f"{run_file.stem}.calibration.json"
         page = out / f"{run_file.stem}.report.html"
         if with_report:

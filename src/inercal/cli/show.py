@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from inercal.methods.ship_multi_angle.evolution import Generation
     from inercal.pipeline import Outcome
 
 
@@ -20,6 +21,14 @@ def working(what: str) -> Generator[Callable[[str], None]]:
 
     with Console(stderr=True).status(what) as status:
         yield status.update
+
+
+def told(generation: "Generation") -> str:
+    """Return how far a search is, in words."""
+    return (
+        f"generation {generation.number}, sum of squares {generation.cost:.3g} g⁴, largest error "
+        f"of a norm {100 * generation.worst:.2g} %"
+    )
 
 
 def as_json(content: Mapping[str, Any] | Sequence[Any]) -> None:

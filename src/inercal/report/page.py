@@ -18,6 +18,7 @@ from inercal.plan import Hold, Index, Spin, Step, Turn
 from inercal.report import head as on_head
 from inercal.report import tables
 from inercal.report.figures import correlations, departures, residuals
+from inercal.report.history import history
 from inercal.report.speeds import speeds
 from inercal.report.sphere import Attitude, attitudes, missing_faces, sphere
 from inercal.report.traces import scatters, traces
@@ -76,6 +77,7 @@ def page(outcome: Outcome, truth: Mapping[str, float] | None) -> str:
         residuals=residuals(outcome) if estimate.whitened.size else None,
         indexed=isinstance(bench, DividingHead),
         head=on_head.head(outcome, bench) if isinstance(bench, DividingHead) else None,
+        search=None if outcome.search is None else history(outcome.search),
         by_speed=speeds(outcome, bench) if isinstance(bench, RateTable) else None,
         spheres=(sphere(found, 1), sphere(found, -1)) if found else (),
         sections=sections(outcome, found),
