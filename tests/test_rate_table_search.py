@@ -140,6 +140,10 @@ def test_only_a_search_has_its_history_drawn(tmp_path: Path):
         text = page.read_text(encoding="utf-8")
         assert ("How the search went" in text) == (estimator == "global")
         assert ("goal 5 %" in text) == (estimator == "global")
+        assert "Each dot is the norm that the bench makes" in text
+        assert "degrees of freedom" not in text
+        assert "not told by these data" in text
+        assert "rates of the table" in text
 
 
 def test_the_history_has_the_goal_and_the_generation_that_met_it():

@@ -103,7 +103,8 @@ def page(outcome: Outcome, truth: Mapping[str, float] | None) -> str:
 def by_norm(outcome: Outcome) -> bool:
     """Whether the residuals are of the norms of readings, one a row."""
     rows, axes = len(outcome.observations.labels), len(outcome.observations.channels)
-    return axes > 1 and outcome.estimate.whitened.size == rows
+    named = all(name.startswith("|f|") for name in outcome.estimate.observations)
+    return axes > 1 and (named or outcome.estimate.whitened.size == rows)
 
 
 def facts(outcome: Outcome) -> list[tuple[str, str]]:
@@ -125,7 +126,8 @@ def facts(outcome: Outcome) -> list[tuple[str, str]]:
     used = f"{holds} position{'s' * (holds != 1)}"
     if spins:
         rates = len({round(abs(step.rate), 3) for step in spins})
-        used = f"{len(spins)} rows\nat {rates} rate{'s' * (rates != 1)} of the arm"
+        turner = "table" if isinstance(outcome.bench, RateTable) else "arm"
+        used = f"{len(spins)} rows\nat {rates} rate{'s' * (rates != 1)} of the {turner}"
     if turns:
         used += f"\n{turns} turn{'s' * (turns != 1)}"
     result.append(("Used", used))
