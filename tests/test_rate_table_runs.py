@@ -90,7 +90,7 @@ def test_planar_states_alone_do_for_ship_planar(tmp_path: Path):
 def test_a_budget_says_what_the_plan_gives(tmp_path: Path):
     made = experiment_of(read(written(tmp_path)))
     names = {line.name for line in made.imperfections}
-    assert {"pose", "seat", "speed", "radius", "gravity", "noise"} <= names
+    assert {"pose", "seat", "speed", "lean", "radius", "gravity", "noise"} <= names
     assert np.all(np.isfinite(made.stated()))
 
 

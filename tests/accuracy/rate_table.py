@@ -4,7 +4,9 @@ Readings in g, angles in rad, a device y = H f + b. In the frame of the table (c
 t along the motion, u up; t = u × c) the sensor feels (A, 0, 1). A mounting is the matrix whose
 columns are c, t, u as the body sees them: a tilt α about t, then whatever the second tilt means.
 
-Pose and seat err anew at each mounting, the rate at each set speed, the noise at each state. Fresh
+Pose and seat err anew at each mounting, the rate at each set speed, the noise at each state. The
+table's axis leans, one way in the room all through; at rest the table stands at any azimuth, anew
+each time, and feels that; while it turns whole turns do not. Fresh
 poses are any attitude, at any speed up to the fastest: there corrected readings are judged.
 """
 
@@ -43,6 +45,7 @@ class Bench:
     radius: float = 0.0  # m, of the run
     rate: float = 0.0  # relative, of the run
     gravity: float = 0.0  # relative
+    lean: float = 0.0  # rad, each of two components in the room
     scale: float = 0.02
     cross: float = 0.012
     bias: float = 0.04
@@ -132,11 +135,20 @@ def draw(
     radius = RADIUS + bench.radius * rng.standard_normal(trials)
     rate = bench.rate * rng.standard_normal(trials)
     gravity = 1 + bench.gravity * rng.standard_normal(trials)
+    lean = bench.lean * rng.standard_normal((trials, 2))
+    azimuth = rng.uniform(0, 2 * pi, (trials, len(states)))
     felt = np.empty_like(noise)
     for k, (plane, tilt, second, w) in enumerate(states):
         m = (plane, tilt, second)
         a = (radius + seats[m]) * (w * RPM * (1 + rate + speeds[w])) ** 2 / G
-        table = np.stack([a, np.zeros(trials), gravity], axis=-1)
+        # c, t, u are 0, 90° and up of the table; standing at α it has the room turned by −α.
+        up = np.stack([np.zeros(trials), np.zeros(trials), np.ones(trials)], axis=-1)
+        if w == 0:
+            c, s = np.cos(azimuth[:, k]), np.sin(azimuth[:, k])
+            up[:, 0], up[:, 1] = lean[:, 0] * c + lean[:, 1] * s, lean[:, 1] * c - lean[:, 0] * s
+            up /= np.linalg.norm(up, axis=-1, keepdims=True)
+        table = gravity[:, None] * up
+        table[:, 0] += a
         felt[:, k] = np.einsum(
             "tij,jk,tk->ti", poses[m], columns(plane, tilt, second, reading), table
         )

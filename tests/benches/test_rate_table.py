@@ -14,7 +14,7 @@ from inercal.errors import InputError
 from inercal.plan import Spin
 from inercal.units import Measured
 
-BENCH = RateTable(Measured(9.8, 1e-3), Measured(0.25, 1e-4), 5e-4, 3e-3, 1e-4, 5e-4)
+BENCH = RateTable(Measured(9.8, 1e-3), Measured(0.25, 1e-4), 5e-4, 3e-3, 1e-4, 5e-4, 1e-3)
 AT_86 = 0.25 * (86 * RPM) ** 2 / 9.8
 
 
@@ -111,9 +111,10 @@ def test_mountings_and_speeds_share_what_is_theirs():
     assert acts["seat[XY30]"] == {"XY30_46", "XY30_86"}
     assert len(acts["speed[86 rpm]"]) == 13
     assert "speed[0 rpm]" not in acts
+    assert acts["lean_1[XY_0]"] == acts["lean_2[XY_0]"] == {"XY_0"}
     assert len(acts["g"]) == 25
-    assert len(BENCH.nuisances(steps)) == 3 + 13 * 4 + 2
-    assert by_parameter(BENCH, steps).shape == (57, 25, 3)
+    assert len(BENCH.nuisances(steps)) == 3 + 13 * 4 + 2 + 3 * 2
+    assert by_parameter(BENCH, steps).shape == (63, 25, 3)
 
 
 def test_a_table_at_rest_knows_neither_radius_nor_rate():
@@ -121,6 +122,7 @@ def test_a_table_at_rest_knows_neither_radius_nor_rate():
     assert set(BENCH.nuisances(steps)) == {
         "g",
         *(f"pose_{axis}[{plane}]" for axis in "xyz" for plane in PLANES),
+        *(f"lean_{k}[{plane}_0]" for k in (1, 2) for plane in PLANES),
     }
     assert felt(BENCH, steps, {}).f[0] == pytest.approx([0, 0, 9.8])
 
@@ -134,12 +136,32 @@ def test_trials_have_errors_of_their_own():
     assert f[1, 0] == pytest.approx([0, -9.8 * sin(0.01), 9.8 * cos(0.01)])
 
 
+def test_a_lean_is_felt_at_rest_alone_and_changes_no_norm():
+    steps = planar_plan(speeds=(0.0, 86 * RPM))
+    leaning = {f"lean_{k}[{step.label}]": 0.01 * k for k in (1, 2) for step in steps}
+    plain = felt(BENCH, steps, {}).f
+    f = felt(BENCH, steps, {name: np.array(by) for name, by in leaning.items()}).f
+    # XY: x toward the centre, z up, and y = z × x along.
+    assert f[0] / 9.8 == pytest.approx([0.01, 0.02, np.sqrt(1 - 5e-4)])
+    assert f[1::2] == pytest.approx(plain[1::2], abs=0)
+    assert np.linalg.norm(f[::2], axis=-1) == pytest.approx(9.8, rel=1e-15)
+
+
+def test_over_whole_turns_a_lean_leaves_its_second_order():
+    lean, azimuth = 1.7e-3, np.linspace(0, 2 * np.pi, 3600, endpoint=False)
+    steps = [Spin("r", 0.0, 1.0, mounting("XY"))]
+    q = {"lean_1[r]": lean * np.cos(azimuth), "lean_2[r]": -lean * np.sin(azimuth)}
+    mean = felt(BENCH, steps, q).f.mean(axis=0)
+    assert mean[0] == pytest.approx([0, 0, 9.8 * (1 - lean**2 / 2)], abs=1e-10)
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
         ({"radius": Measured(0.0, 0.0)}, "radius is 0 m; give it > 0"),
         ({"gravity": Measured(-1.0, 0.0)}, "gravity is -1"),
         ({"pose": -1.0}, "deviation of pose"),
+        ({"lean": -1e-3}, "deviation of lean"),
         ({"speed": float("nan")}, "deviation of speed"),
     ],
 )

@@ -68,6 +68,7 @@ def declared(bench: Bench) -> RateTable:
         bench.pose,
         bench.rate,
         bench.speed,
+        bench.lean,
     )
 
 

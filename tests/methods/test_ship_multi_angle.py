@@ -240,6 +240,22 @@ def test_joint_states_what_it_reaches_where_the_run_shares_errors(seed: int):
     assert nees(found, given).mean() == pytest.approx(1, abs=4 * np.sqrt(2 / 12 / trials))
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("name", ["joint", "planar", "planar_norm"])
+def test_rests_on_a_leaning_table_are_stated_as_they_err(name: str, seed: int):
+    trials = 400
+    bench = Bench(lean=6e-3)
+    given = case(seed, trials, bench)
+    told, not_told = (
+        nees(ESTIMATORS[name](given.seen, SENSOR, declared(one), given.steps), given)
+        for one in (bench, replace(bench, lean=0.0))
+    )
+    print(f"{name} NEES {told.mean():.3f}, lean left out {not_told.mean():.3f}")
+    # One lean in all rests: what it adds has its size in common, and scatters more than χ².
+    assert told.mean() == pytest.approx(1, abs=4 * told.std() / np.sqrt(trials))
+    assert not_told.mean() > 1.15
+
+
 LARGE = {"pose": 4e-3, "seat": 2e-3, "speed": 5e-3, "radius": 2e-3, "rate": 4e-3, "gravity": 2e-3}
 
 

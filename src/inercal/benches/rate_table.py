@@ -3,10 +3,18 @@
 At the radius R from the axis the sensor feels the centripetal acceleration toward the centre and
 gravity's reaction. With `out` and `up` of its mounting in the body::
 
-    f = exp(φ) (−a out + g up),   a = (R + s) (ω (1 + ρ + σ))²
+    f = exp(φ) (−a out + g up),   a = (R + s) (ω (1 + ρ + σ))²              turning
+    f = exp(φ) g (√(1 − λ₁² − λ₂²) up − λ₁ out + λ₂ along)                  at rest
 
 φ are the three angles by which the mounting is off, s what its radius is off besides, ρ the
 relative error of all rates of the run, σ that of one set speed, alike in all dwells at it.
+
+λ is what the table's axis leans from the vertical, as the table has it where it stands: λ₁ toward
+the centre, λ₂ along = up × (−out). It stands at another azimuth at each rest, so that each rest has
+its own λ; of a lean whose two components are normal, those of rests at random azimuths are
+uncorrelated. While it turns λ goes round once a turn, and over whole turns leaves the second order,
+f = g (1 − λ²/2) up: 1.5 µg at 0.1°. It is left out; so is λ times the part of a turn by which
+a wrong rate makes turns not whole.
 
 A sensor that rests on a table of steady rate feels no Coriolis acceleration of the table. That of
 the earth, 2 Ω ω R, is left out as in the source: 34 µg at 86 r/min and 0.25 m.
@@ -32,6 +40,7 @@ from inercal.units import Measured
 
 Array = NDArray[np.float64]
 _AXES = "xyz"
+_LEAN = {1: "toward the centre", 2: "along"}
 
 
 @dataclass(frozen=True)
@@ -52,6 +61,8 @@ class RateTable:
         Relative standard deviation of the rate, common to the run.
     speed : float
         Relative standard deviation of each set speed, alike in all dwells at that speed.
+    lean : float
+        Standard deviation of each of two components of the lean, in each rest, rad.
 
     Raises
     ------
@@ -65,6 +76,7 @@ class RateTable:
     pose: float = 0.0
     rate: float = 0.0
     speed: float = 0.0
+    lean: float = 0.0
 
     def __post_init__(self) -> None:
         g, r = self.gravity, self.radius
@@ -72,7 +84,7 @@ class RateTable:
             if not (isfinite(size) and size > 0):
                 raise InputError(f"rate table: {what} is {size:g} {unit}; give it > 0")
         deviations = {"gravity": g.sd, "radius": r.sd, "seat": self.seat, "pose": self.pose}
-        deviations |= {"rate": self.rate, "speed": self.speed}
+        deviations |= {"rate": self.rate, "speed": self.speed, "lean": self.lean}
         for what, sd in deviations.items():
             if not (isfinite(sd) and sd >= 0):
                 raise InputError(f"rate table: deviation of {what} is {sd}; give it 0 or more")
@@ -91,6 +103,10 @@ class RateTable:
                 for a in _AXES
             ),
             Parameter("speed", "1", self.speed, "speed", 0.0, "a set speed, relative"),
+            *(
+                Parameter(f"lean_{k}", "rad", self.lean, "position", 0.0, f"lean at rest, {toward}")
+                for k, toward in _LEAN.items()
+            ),
         )
 
     def nuisances(self, steps: Sequence[Spin]) -> dict[str, Parameter]:
@@ -103,10 +119,16 @@ def _acting(
 ) -> Iterator[tuple[str, Parameter, NDArray[np.bool_]]]:
     """Yield the parameters that act: full name, declaration, and which rows, (r,)."""
     turning = np.array([step.rate != 0 for step in steps])
-    shared = {"mounting": mountings(steps), "speed": [speed_name(step) for step in steps]}
+    shared = {
+        "mounting": mountings(steps),
+        "speed": [speed_name(step) for step in steps],
+        "position": [step.label for step in steps],
+    }
     for parameter in bench.parameters:
-        still = parameter.name == "g" or parameter.name.startswith("pose")
-        rows = np.ones(len(steps), dtype=bool) if still else turning
+        always = parameter.name == "g" or parameter.name.startswith("pose")
+        rows = np.ones(len(steps), dtype=bool) if always else turning
+        if parameter.name.startswith("lean"):
+            rows = ~turning
         if parameter.scope == "run":
             if rows.any():
                 yield parameter.name, parameter, rows
@@ -164,17 +186,26 @@ def felt(bench: RateTable, steps: Sequence[Spin], q: Mapping[str, Array]) -> Fel
     radius = (value("radius") if w.any() else np.zeros(()))[..., None] + of_each("seat", mounted)
     turned = w * (1 + value("rate")[..., None] + of_each("speed", speeds))
     a = radius * turned**2
+    rests = [step.label for step in steps]
+    lean = np.stack([of_each(f"lean_{k}", rests) for k in _LEAN], axis=-1) * (w == 0)[:, None]
+    root = np.sqrt(1 - (lean**2).sum(-1))
+    along = np.cross(up, -out)
     pose = np.stack(
         np.broadcast_arrays(*(of_each(f"pose_{axis}", mounted) for axis in _AXES)), axis=-1
     )
     turn = exp_so3(pose)
-    inward, upward = ((turn @ v[..., None])[..., 0] for v in (-out, up))
-    f = a[..., None] * inward + g[..., None] * upward
+    inward, along, upward = ((turn @ v[..., None])[..., 0] for v in (-out, along, up))
+    reaction = root[..., None] * upward + lean[..., :1] * inward + lean[..., 1:] * along
+    f = a[..., None] * inward + g[..., None] * reaction
     by_radius = turned[..., None] ** 2 * inward
     by_rate = (2 * radius * turned * w)[..., None] * inward
     by_pose = -skew(f) @ left_jacobian(pose)
-    slopes = {"g": upward, "radius": by_radius, "seat": by_radius, "rate": by_rate}
+    slopes = {"g": reaction, "radius": by_radius, "seat": by_radius, "rate": by_rate}
     slopes |= {"speed": by_rate}
+    slopes |= {
+        f"lean_{k}": g[..., None] * (across - (lean[..., k - 1] / root)[..., None] * upward)
+        for k, across in zip(_LEAN, (inward, along), strict=True)
+    }
     slopes |= {f"pose_{axis}": by_pose[..., k] for k, axis in enumerate(_AXES)}
     by = {
         full: np.where(rows[:, None], slopes[parameter.name], 0.0)

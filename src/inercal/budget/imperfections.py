@@ -18,7 +18,8 @@ from inercal.sensors import G0, Sensor
 
 Array = NDArray[np.float64]
 NOISE = "noise"
-_COPY = re.compile(r"(_[abxyz]|\d)?(\[.*\])?$")  # of a name: the axis, the step
+_COPY = re.compile(r"(_[abxyz]|_?\d)?(\[.*\])?$")  # of a name: the axis, the step
+_ONE = re.compile(r" about [xyz]$|, (toward the centre|along)$")  # of a meaning: which of them
 _WORDS = {  # names of parameters that are not words already
     "g": "gravity",
     "mount": "mounting",
@@ -88,7 +89,7 @@ def of_bench(declared: Mapping[str, Parameter]) -> list[Imperfection]:
     for key, names in groups.items():
         first = declared[names[0]]
         deviations = [declared[name].sd for name in names]
-        meaning = re.sub(r" about [xyz]$", "", first.meaning)
+        meaning = _ONE.sub("", first.meaning)
         word = _WORDS.get(key, key)
         found.append(Imperfection(word, meaning, shown(deviations, first.unit), tuple(names)))
     return found

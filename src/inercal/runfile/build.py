@@ -149,6 +149,7 @@ def _rate_table(section: RateTableSection) -> RateTable:
         pose=_deviation(section, "pose", "°"),
         rate=_deviation(section, "rate_error", "1"),
         speed=_deviation(section, "speed", "1"),
+        lean=_small(section, "lean"),
     )
 
 

@@ -101,6 +101,7 @@ class RateTableSection(_BenchSection):
     pose: str = "0.2 °"
     rate_error: str = "0 %"
     speed: str = "0.05 %"
+    lean: str = "0.05 °"
 
 
 BENCHES: dict[str, type[_BenchSection]] = {
