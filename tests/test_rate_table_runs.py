@@ -1,7 +1,6 @@
 """Run files on a rate table, from the table of states to the verdict."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,7 @@ import pytest
 from inercal.budget.of_run import experiment_of
 from inercal.errors import InercalError, InputError, NotObserved
 from inercal.methods.affine import to_affine
-from inercal.pipeline import Outcome, calibrate, simulate
+from inercal.pipeline import Outcome, calibrate
 from inercal.plan import Spin
 from inercal.report import write_report
 from inercal.runfile import read
@@ -153,12 +152,6 @@ def test_a_mounting_that_is_none_is_refused(tmp_path: Path):
         return [["XZ", *rows[0][1:]], *rows[1:]]
 
     refused(written(tmp_path, rows=strange), r"line 2: column 'mounting' is 'XZ'; a mounting is XY")
-
-
-def test_a_simulation_is_refused(tmp_path: Path):
-    run = read(written(tmp_path))
-    with pytest.raises(InputError, match="not simulated as a recording"):
-        simulate(replace(run, rate_hz=100.0))
 
 
 # Recordings

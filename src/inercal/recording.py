@@ -82,6 +82,8 @@ class Recording:
         Line of sample 0 in the file; 0 where samples and lines do not run in step.
     original : (n,) array of int or None
         Number of each sample in the file, where the audit dropped or sorted some.
+    label_name : str
+        Column of a file that labels are written to.
 
     Raises
     ------
@@ -101,6 +103,7 @@ class Recording:
     sha256: str = ""
     first_row: int = 0
     original: Indices | None = None
+    label_name: str = "label"
 
     def __post_init__(self) -> None:
         n, m = self.time.size, len(self.channels)

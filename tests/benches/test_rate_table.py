@@ -9,7 +9,7 @@ import pytest
 from tests.accuracy import rate_table as made
 
 from inercal.benches.mountings import PLANES, RPM, mounting, multi_angle_plan, planar_plan, tilted
-from inercal.benches.rate_table import RateTable, by_parameter, felt
+from inercal.benches.rate_table import RateTable, by_parameter, felt, speeds
 from inercal.errors import InputError
 from inercal.plan import Spin
 from inercal.units import Measured
@@ -115,6 +115,18 @@ def test_mountings_and_speeds_share_what_is_theirs():
     assert len(acts["g"]) == 25
     assert len(BENCH.nuisances(steps)) == 3 + 13 * 4 + 2 + 3 * 2
     assert by_parameter(BENCH, steps).shape == (63, 25, 3)
+
+
+def test_rates_read_back_a_little_otherwise_are_one_set_speed():
+    steps = planar_plan()
+    read = [replace(step, rate=step.rate * (1 + 1e-4 * k)) for k, step in enumerate(steps)]
+    assert len(BENCH.nuisances(read)) == len(BENCH.nuisances(steps))
+    assert speeds([Spin("a", 1.0), Spin("b", -1.0), Spin("c", 1.01), Spin("d", 1.001)]) == [
+        "9.549 rpm",
+        "-9.549 rpm",
+        "9.645 rpm",
+        "9.549 rpm",
+    ]
 
 
 def test_a_table_at_rest_knows_neither_radius_nor_rate():

@@ -63,6 +63,7 @@ def test_every_run_file_of_the_examples_is_run_by_a_test():
     run |= {f"centrifuge/{name}.toml" for name in ("printed", "corrected", "lab", "arm_run")}
     # by tests/test_dividing_head_runs.py
     run |= {"rate_table/ship.toml"}  # by tests/test_rate_table_runs.py
+    run |= {"rate_table/ship_recording.toml"}  # by tests/test_rate_table_simulated.py
     run |= {f"dividing_head/{name}.toml" for name in ("pair", "lab", "tumble")}
     assert found == run | {f"ferraris_recordings/{name}.toml" for name in SESSIONS}
 

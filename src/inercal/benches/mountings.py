@@ -140,6 +140,17 @@ def multi_angle_plan(
     return (*fast, *(_dwell(pose, SLOW * RPM, seconds) for pose in again))
 
 
+def by_mounting(steps: Sequence[Spin]) -> list[tuple[Spin, ...]]:
+    """Return the steps as they are carried out: mounting by mounting, in each by speed.
+
+    Mountings follow in the order in which they first come.
+    """
+    own: dict[Attitude | None, list[Spin]] = {}
+    for step in steps:
+        own.setdefault(step.attitude, []).append(step)
+    return [tuple(sorted(each, key=lambda step: abs(step.rate))) for each in own.values()]
+
+
 def tilted(step: Spin) -> bool:
     """Return whether a step's mounting is tilted: the centre or up is along no axis of the body."""
     if step.attitude is None:

@@ -40,6 +40,7 @@ from inercal.units import Measured
 
 Array = NDArray[np.float64]
 _AXES = "xyz"
+_ALIKE = 5e-3  # relative difference of rates of one set speed
 _LEAN = {1: "toward the centre", 2: "along"}
 
 
@@ -121,7 +122,7 @@ def _acting(
     turning = np.array([step.rate != 0 for step in steps])
     shared = {
         "mounting": mountings(steps),
-        "speed": [speed_name(step) for step in steps],
+        "speed": speeds(steps),
         "position": [step.label for step in steps],
     }
     for parameter in bench.parameters:
@@ -140,9 +141,20 @@ def _acting(
                 yield f"{parameter.name}[{label}]", parameter, own
 
 
-def speed_name(step: Spin) -> str:
-    """Return the name of a step's set speed: "86 rpm"."""
-    return f"{step.rate * 30 / pi:.10g} rpm"
+def speeds(steps: Sequence[Spin]) -> list[str]:
+    """Return the name of each step's set speed, "86 rpm".
+
+    Rates within a part in 200 are one set speed, as one is read back anew in each dwell.
+    """
+    first: dict[float, str] = {}
+    for step in steps:
+        if not any(_alike(step.rate, rate) for rate in first):
+            first[step.rate] = f"{step.rate * 30 / pi:.4g} rpm"
+    return [next(name for rate, name in first.items() if _alike(s.rate, rate)) for s in steps]
+
+
+def _alike(one: float, other: float) -> bool:
+    return one == other or abs(one - other) < _ALIKE * abs(other)
 
 
 def mountings(steps: Sequence[Spin]) -> list[str]:
@@ -172,7 +184,6 @@ def felt(bench: RateTable, steps: Sequence[Spin], q: Mapping[str, Array]) -> Fel
     out, up = directions(steps)
     declared = bench.nuisances(steps)
     mounted = mountings(steps)
-    speeds = [speed_name(step) for step in steps]
 
     def value(name: str) -> Array:
         return np.asarray(q.get(name, declared[name].value if name in declared else 0.0))
@@ -184,7 +195,7 @@ def felt(bench: RateTable, steps: Sequence[Spin], q: Mapping[str, Array]) -> Fel
     w = np.array([step.rate for step in steps])
     g = value("g")[..., None]
     radius = (value("radius") if w.any() else np.zeros(()))[..., None] + of_each("seat", mounted)
-    turned = w * (1 + value("rate")[..., None] + of_each("speed", speeds))
+    turned = w * (1 + value("rate")[..., None] + of_each("speed", speeds(steps)))
     a = radius * turned**2
     rests = [step.label for step in steps]
     lean = np.stack([of_each(f"lean_{k}", rests) for k in _LEAN], axis=-1) * (w == 0)[:, None]

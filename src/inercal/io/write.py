@@ -42,7 +42,7 @@ def write_recording(recording: Recording, path: str | os.PathLike[str]) -> Colum
     columns = Columns(
         channels=tuple((c, c, u) for c, u in zip(recording.channels, recording.units, strict=True)),
         time="time",
-        label=None if recording.labels is None else "label",
+        label=None if recording.labels is None else recording.label_name,
         temperature=None if recording.temperature is None else "temperature",
         temperature_unit="K",
         readback=tuple((name, name, "1") for name in recording.readback),
@@ -60,7 +60,7 @@ def _arrays(recording: Recording) -> dict[str, Column]:
     pairs: list[tuple[str, Column]] = [("time", recording.time)]
     pairs += [(name, recording.data[:, k]) for k, name in enumerate(recording.channels)]
     if recording.labels is not None:
-        pairs.append(("label", recording.labels))
+        pairs.append((recording.label_name, recording.labels))
     if recording.temperature is not None:
         pairs.append(("temperature", recording.temperature))
     pairs += recording.readback.items()

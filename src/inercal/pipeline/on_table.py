@@ -58,7 +58,7 @@ def gather(run: Run, bench: RateTable) -> Gathered:
     """
     if run.data.seconds is not None:
         raise InputError(f"{run.path}: [data] seconds: states are means; leave it out")
-    made = _table(run) if run.data.kind == "means" else _recording(run)
+    made = _table(run) if run.data.kind == "means" else states_of(run, load_recording(run))
     _require_rates(run, made.observations, bench, made.steps)
     _require_axes(run, made.observations, bench, made.steps)
     return Gathered(
@@ -72,7 +72,7 @@ def gather(run: Run, bench: RateTable) -> Gathered:
     )
 
 
-class _States(NamedTuple):
+class States(NamedTuple):
     """What a table or a recording holds."""
 
     observations: Observations
@@ -82,7 +82,7 @@ class _States(NamedTuple):
     findings: tuple[Finding, ...] = ()
 
 
-def _table(run: Run) -> _States:
+def _table(run: Run) -> States:
     named, units = readback_columns(run), readback_units(run)
     wanted = columns(run)
     path = run.file(run.data.file)
@@ -106,12 +106,24 @@ def _table(run: Run) -> _States:
         Spin(label, rate, 0.0, pose)
         for label, rate, pose in zip(labels, rates.tolist(), poses, strict=True)
     )
-    return _States(observations, steps)
+    return States(observations, steps)
 
 
-def _recording(run: Run) -> _States:
-    """Reduce a recording: rests as they are, what turns over whole turns once it is steady."""
-    recording, size = load_recording(run), readback_units(run)["arm_rate"]
+def states_of(run: Run, recording: Recording) -> States:
+    """Reduce a recording: rests as they are, what turns over whole turns once it is steady.
+
+    Parameters
+    ----------
+    run : Run
+    recording : Recording
+        As it is read: with labels, which name mountings, and "arm_rate" in the unit of its column.
+
+    Raises
+    ------
+    InputError
+        No dwell, too few turns, or a label that is no mounting.
+    """
+    size = readback_units(run)["arm_rate"]
     recording = replace(recording, readback={ARM_RATE: recording.readback[ARM_RATE] * size})
     dwells, left_out = find_dwells(recording)
     turning, spun = average_dwells(recording, run.sensor, dwells)
@@ -127,7 +139,7 @@ def _recording(run: Run) -> _States:
         text, where = str(recording.labels[mark.start]), recording.where(mark.start)
         pose = _pose(text, f"{recording.source} {where}: column {str(run.data.mounting)!r}")
         steps.append(replace(step, attitude=pose))
-    return _States(observations, tuple(steps), recording, marks, recording.findings + left_out)
+    return States(observations, tuple(steps), recording, marks, recording.findings + left_out)
 
 
 def _pose(text: str, where: str) -> Attitude:

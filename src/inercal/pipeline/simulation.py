@@ -9,6 +9,7 @@ from inercal.benches import Centrifuge, Hand, RateTable
 from inercal.benches.arm_run import perform_on_arm, seconds_on_arm
 from inercal.benches.head_run import perform_on_head
 from inercal.benches.simulate import perform
+from inercal.benches.table_run import perform_on_table, seconds_on_table
 from inercal.errors import InputError
 from inercal.motion import Motion
 from inercal.pipeline.by_hand import nominal
@@ -38,17 +39,9 @@ def simulate(run: Run | str | Path, seed: int = 0, trials: int | None = None) ->
         No sampling rate, or a truth that names no coefficient.
     """
     run = run if isinstance(run, Run) else read(run)
-    if isinstance(run.bench, RateTable):
-        raise InputError(
-            f"{run.path}: a rate table is not simulated as a recording; inercal budget says what "
-            "its plan will give"
-        )
     if run.rate_hz is None:
         raise InputError(f"{run.path}: [data] rate is missing; a simulation needs it")
-    lasting = sum(
-        seconds_on_arm(step) if isinstance(step, Spin) else step.seconds for step in run.steps
-    )
-    samples = run.rate_hz * lasting * (trials or 1)
+    samples = run.rate_hz * _seconds(run) * (trials or 1)
     if samples > _MOST_SAMPLES:
         raise InputError(
             f"{run.path}: {samples:.2g} samples are more than a simulation holds in memory, "
@@ -62,8 +55,9 @@ def simulate(run: Run | str | Path, seed: int = 0, trials: int | None = None) ->
     if isinstance(bench, Hand):
         done = perform(bench, nominal(run), rate, rng, several, carried=run.method.free)
     elif isinstance(bench, Centrifuge):
-        spins = [step for step in run.steps if isinstance(step, Spin)]
-        done, readback = perform_on_arm(bench, spins, rate, rng, several)
+        done, readback = perform_on_arm(bench, _spins(run), rate, rng, several)
+    elif isinstance(bench, RateTable):
+        done, readback = perform_on_table(bench, _spins(run), rate, rng, several)
     else:
         indexed = [step for step in run.steps if isinstance(step, Index)]
         on_head = perform_on_head(bench, indexed, sensor.channels, rate, rng, several)
@@ -84,6 +78,19 @@ def simulate(run: Run | str | Path, seed: int = 0, trials: int | None = None) ->
     )
 
 
+def _spins(run: Run) -> list[Spin]:
+    return [step for step in run.steps if isinstance(step, Spin)]
+
+
+def _seconds(run: Run) -> float:
+    """Return how long the plan lasts at most."""
+    if isinstance(run.bench, RateTable):
+        return seconds_on_table(_spins(run))
+    return sum(
+        seconds_on_arm(step) if isinstance(step, Spin) else step.seconds for step in run.steps
+    )
+
+
 def named_as_in(run: Run, recording: Recording) -> Recording:
     """Return the recording with the run file's column names, ready to be written as its data."""
     if run.data.gyro_file is not None:
@@ -94,7 +101,8 @@ def named_as_in(run: Run, recording: Recording) -> Recording:
         for name, column in readback_columns(run).items()
     }
     channels = tuple(named[name] for name in recording.channels)
-    return replace(recording, channels=channels, readback=readback)
+    label = columns(run).label or recording.label_name
+    return replace(recording, channels=channels, readback=readback, label_name=label)
 
 
 def read_out(

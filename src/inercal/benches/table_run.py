@@ -1,0 +1,175 @@
+"""A rate table in simulation: mounting after mounting, as its recording would have them.
+
+In each mounting the table rests where somebody left it, then goes through the mounting's speeds
+from the slowest to the fastest, and stops. With the names of `inercal.benches.rate_table`, α the
+azimuth since the rest, ω' the acceleration of the table and along = up × (−out)::
+
+    f = exp(φ) ((R + s) (−ω² out − ω' along) + g (√(1 − λ²) up − λ₁(α) out + λ₂(α) along))
+
+The lean has one direction in the room, so that (λ₁, λ₂) turns back by α: a sine once a turn.
+Between two speeds the rate goes as 3s² − 2s³, its acceleration largest half way.
+
+Samples carry the name of the mounting. The time in which the sensor is mounted anew is left out of
+the recording. The table reads back the rate it was told; what that is off by is drawn.
+"""
+
+from collections.abc import Mapping, Sequence
+from math import pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches.arm import directions
+from inercal.benches.mountings import by_mounting
+from inercal.benches.rate_table import RateTable, mountings, speeds
+from inercal.benches.simulate import Performance
+from inercal.frames import exp_so3
+from inercal.motion import Motion
+from inercal.plan import Spin
+
+Array = NDArray[np.float64]
+SPIN_UP = 2.0  # rad/s², at most
+_SETTLING = 2.0  # s at a speed, or at rest, beside the dwell that is counted
+_IDLE = 1.0  # s at rest before and after: too short for a state
+
+
+def perform_on_table(
+    bench: RateTable,
+    steps: Sequence[Spin],
+    rate_hz: float,
+    rng: np.random.Generator,
+    trials: int = 1,
+) -> tuple[Performance, dict[str, Array]]:
+    """Return the motion of each trial, and what the table reads back: "arm_rate", (n,) rad/s.
+
+    Parameters
+    ----------
+    bench : RateTable
+        Its parameters are drawn from normal distributions of their stated deviations; the lean once
+        a trial, and with it the azimuth of each rest, so that the leans of rests are as declared.
+    steps : sequence of Spin
+        In known attitudes; mountings follow in the order in which they first come.
+    rate_hz : float
+        Samples per second.
+    rng : Generator
+    trials : int
+        Length of the leading axis of what is drawn and of the motion.
+
+    Raises
+    ------
+    InputError
+        A step of unknown attitude.
+    """
+    declared = bench.nuisances(steps)
+    drawn = {n: q.value + q.sd * rng.standard_normal(trials) for n, q in declared.items()}
+    room = bench.lean * rng.standard_normal((trials, 2))
+    named = dict(zip((step.attitude for step in steps), mountings(steps), strict=True))
+    set_to = dict(zip((step.rate for step in steps), speeds(steps), strict=True))
+    off = {rate: drawn.get(f"speed[{speed}]", np.zeros(trials)) for rate, speed in set_to.items()}
+    f: list[Array] = []
+    w: list[Array] = []
+    told: list[Array] = []
+    labels: list[str] = []
+    for own in by_mounting(steps):
+        lean = _turned(room, rng.uniform(0, 2 * pi, trials))
+        for step in own:
+            if step.rate == 0:
+                drawn |= {f"lean_{k + 1}[{step.label}]": lean[:, k] for k in (0, 1)}
+        profile = _profile(own, off, rate_hz)
+        name = named[own[0].attitude]
+        made = _felt(bench, own[0], name, drawn, profile, lean, rate_hz)
+        f.append(made.f)
+        w.append(made.w)
+        told.append(profile[0])
+        labels += [name] * profile[0].size
+    motion = Motion(np.concatenate(f, axis=-2), np.concatenate(w, axis=-2))
+    time = np.arange(len(labels)) / rate_hz
+    return Performance(time, motion, np.array(labels), drawn), {"arm_rate": np.concatenate(told)}
+
+
+def seconds_on_table(steps: Sequence[Spin]) -> float:
+    """Return how long these steps last, from the first mounting's rest to the last one's."""
+    return sum(
+        _IDLE * 2 + sum(step.seconds + _SETTLING for step in own) + sum(_ramps(own))
+        for own in by_mounting(steps)
+    )
+
+
+def _ramps(steps: Sequence[Spin]) -> list[float]:
+    """Return the seconds from each speed to the next, from rest and to rest again."""
+    rates = [0.0, *(step.rate for step in steps), 0.0]
+    return (1.5 * np.abs(np.diff(rates)) / SPIN_UP).tolist()
+
+
+def _profile(
+    steps: Sequence[Spin], off: Mapping[float, Array], rate_hz: float
+) -> tuple[Array, Array, Array]:
+    """Return of one mounting the rate told and its derivative, (n,), and the true rate over it.
+
+    The last one, (trials, n), goes over from speed to speed as the rate does. `off` is what each
+    rate is off by, relative, (trials,).
+    """
+    rest = round(_IDLE * rate_hz)
+    still = np.zeros(rest)
+    rates = [0.0, *(step.rate for step in steps), 0.0]
+    factors = [1 + off[step.rate] for step in (steps[0], *steps, steps[-1])]
+    pieces: list[tuple[Array, Array, Array]] = [(still, still, _held(factors[0], rest))]
+    for k, length in enumerate(_ramps(steps)):
+        n = round(length * rate_hz)
+        s = (np.arange(n) + 0.5) / max(n, 1)
+        share, change = 3 * s**2 - 2 * s**3, rates[k + 1] - rates[k]
+        slope = 6 * s * (1 - s) * rate_hz / max(n, 1)
+        before, after = factors[k][:, None], factors[k + 1][:, None]
+        pieces.append(
+            (rates[k] + change * share, change * slope, before + (after - before) * share)
+        )
+        if k < len(steps):
+            hold = round((_SETTLING + steps[k].seconds) * rate_hz)
+            level = np.full(hold, rates[k + 1])
+            pieces.append((level, np.zeros(hold), _held(factors[k + 1], hold)))
+    pieces.append((still, still, _held(factors[-1], rest)))
+    told, slope, factor = (
+        np.concatenate([piece[k] for piece in pieces], axis=-1) for k in range(3)
+    )
+    return told, slope, factor
+
+
+def _held(factor: Array, n: int) -> Array:
+    return np.repeat(factor[:, None], n, axis=1)
+
+
+def _felt(
+    bench: RateTable,
+    step: Spin,
+    name: str,
+    drawn: Mapping[str, Array],
+    profile: tuple[Array, Array, Array],
+    lean: Array,
+    rate_hz: float,
+) -> Motion:
+    """Return f and ω, (trials, n, 3), of one mounting that stands with a lean, (trials, 2)."""
+    told, slope, factor = profile
+    nothing: Array = np.zeros(len(lean))
+    common = drawn.get("rate", nothing)[:, None]
+    rate = told * (factor + common)
+    azimuth = np.cumsum(rate, axis=-1) / rate_hz
+    radius = drawn.get("radius", nothing + bench.radius.value)[:, None]
+    radius = radius + drawn.get(f"seat[{name}]", nothing)[:, None]
+    g = drawn["g"][:, None]
+    swing = _turned(lean[:, None], azimuth)
+    inwards = radius * rate**2 + g * swing[..., 0]
+    forwards = -radius * slope * (factor + common) + g * swing[..., 1]
+    upwards = np.broadcast_to(g * np.sqrt(1 - (lean**2).sum(-1, keepdims=True)), rate.shape)
+    (out,), (up,) = directions([step])
+    nominal = np.stack([-out, np.cross(up, -out), up], axis=-1)  # body by table
+    pose = np.stack([drawn[f"pose_{axis}[{name}]"] for axis in "xyz"], axis=-1)
+    body = exp_so3(pose) @ nominal
+    f = np.stack([inwards, forwards, upwards], axis=-1) @ np.swapaxes(body, -1, -2)
+    return Motion(f, rate[..., None] * body[:, None, :, 2])
+
+
+def _turned(vector: Array, azimuth: Array) -> Array:
+    """Return a vector of the room, (..., 2), as a table that has turned by an azimuth has it."""
+    c, s = np.cos(azimuth), np.sin(azimuth)
+    x, y = vector[..., 0], vector[..., 1]
+    return np.stack([x * c + y * s, y * c - x * s], axis=-1)

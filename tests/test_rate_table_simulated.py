@@ -1,0 +1,107 @@
+"""A plan on a rate table simulated as a recording, and calibrated from it."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inercal.benches import RateTable
+from inercal.io.write import write_recording
+from inercal.pipeline import calibrate, named_as_in, simulate
+from inercal.pipeline.on_table import states_of
+from inercal.runfile import Run, read
+
+EXAMPLE = Path(__file__).parents[1] / "examples" / "rate_table" / "ship_recording.toml"
+EXACT = (
+    ('"9.7936 m/s² ± 0.5 mm/s²"', '"9.7936 m/s²"'),
+    ('"250 mm ± 0.3 mm"', '"250 mm"'),
+    ('seat = "0.5 mm"', 'seat = "0 mm"'),
+    ('pose = "0.2 °"', 'pose = "0 °"'),
+    ('speed = "0.05 %"', 'speed = "0 %"'),
+    ('lean = "0.05 °"', 'lean = "0 °"'),
+    ('white = "300 µg/√Hz"', 'white = "1e-9 µg/√Hz"'),
+    ('quantisation = "122.0703125 µg"', ""),
+)
+
+
+def run_of(folder: Path, *changes: tuple[str, str]) -> Run:
+    text = EXAMPLE.read_text(encoding="utf-8")
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    (folder / "ship_recording.toml").write_text(text, encoding="utf-8")
+    return read(folder / "ship_recording.toml")
+
+
+def truth(run: Run) -> np.ndarray:
+    return np.array([run.truth.get(name, 0.0) for name in run.sensor.coefficients])
+
+
+def test_the_example_is_simulated_and_calibrated(tmp_path: Path):
+    run = run_of(tmp_path)
+    path = run.file(run.data.file)
+    write_recording(named_as_in(run, simulate(run)), path)
+    header = path.read_text(encoding="utf-8").partition("\n")[0]
+    assert header == "time,ax,ay,az,mounting,rpm"
+    outcome = calibrate(run)
+    assert outcome.estimate.consistent
+    assert not outcome.findings
+    assert len(outcome.steps) == len(run.steps)
+    error = outcome.calibration.values - truth(run)
+    nees = float(error @ np.linalg.solve(outcome.calibration.covariance, error))
+    assert 3 < nees < 36  # χ² of twelve: its 0.5 % and 99.97 % points
+
+
+def test_without_noise_and_errors_the_truth_comes_back(tmp_path: Path):
+    run = run_of(tmp_path, *EXACT)
+    write_recording(named_as_in(run, simulate(run)), run.file(run.data.file))
+    error = calibrate(run).calibration.values - truth(run)
+    assert np.abs(error / run.sensor.natural).max() < 1e-10
+
+
+def squares(run: Run, seed: int, trials: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the NEES per coefficient, and χ² over its degrees of freedom, (trials,)."""
+    assert isinstance(run.bench, RateTable)
+    whole = named_as_in(run, simulate(run, seed, trials))
+    whole = replace(
+        whole, channels=run.sensor.channels, readback={"arm_rate": whole.readback["rpm"]}
+    )
+    true, joint = truth(run), run.method.estimator("joint")
+    found: list[tuple[float, float]] = []
+    for data in whole.data:
+        made = states_of(run, replace(whole, data=data))
+        estimate = joint(made.observations, run.sensor, run.bench, made.steps, ())
+        alone = estimate.select(run.sensor.coefficients)
+        error = alone.value - true
+        nees = float(error @ np.linalg.solve(alone.covariance, error)) / error.size
+        found.append((nees, float(estimate.chi2) / estimate.dof))
+    nees, chi2 = np.array(found).T
+    return nees, chi2
+
+
+SHORT = (('seconds = "15 s"', 'seconds = "8 s"'), ('"50 Hz"', '"25 Hz"'))
+
+
+def judged(run: Run, seed: int, trials: int) -> None:
+    nees, chi2 = squares(run, seed, trials)
+    print(f"NEES {nees.mean():.3f}, χ² / dof {chi2.mean():.3f} ± {chi2.std() / trials**0.5:.3f}")
+    assert nees.mean() == pytest.approx(1, abs=4 * np.sqrt(2 / 12 / trials))
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_simulated_recordings_err_as_their_calibrations_state(tmp_path: Path, seed: int):
+    judged(run_of(tmp_path, *SHORT), seed, 100)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [11, 12, 13])
+@pytest.mark.parametrize("lean", ["0.05 °", "0.3 °"])
+def test_many_recordings_err_as_their_calibrations_state(tmp_path: Path, seed: int, lean: str):
+    judged(run_of(tmp_path, *SHORT, ('lean = "0.05 °"', f'lean = "{lean}"')), seed, 300)
+
+
+def test_a_recording_needs_a_rate_to_be_simulated(tmp_path: Path):
+    run = run_of(tmp_path, ('rate = "50 Hz"', ""))
+    with pytest.raises(Exception, match="rate is missing; a simulation needs it"):
+        simulate(run)
