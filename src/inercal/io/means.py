@@ -1,9 +1,12 @@
 """Tables of means, typed by hand or made elsewhere: read straight in as observations.
 
 One row a position or turn: its label, the mean reading of each axis in output units, for turns
-the section's duration. The standard deviation of the means is stated, it cannot be found here.
+the section's duration. The standard deviation of the means is stated, it cannot be found here: one
+for all rows, or that of each in columns beside its means, `ax_sd` for `ax`.
 """
 
+import csv
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -11,12 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.errors import InputError
+from inercal.io.atomic import atomic_write
 from inercal.io.read import Columns, read_table
 from inercal.io.table import Table
 from inercal.recording import Observations
 from inercal.sensors import Sensor
 
 Array = NDArray[np.float64]
+SD = "_sd"  # behind the name of a column: its standard deviation
 
 
 def read_means(
@@ -32,7 +37,8 @@ def read_means(
     sensor : Sensor
         Axes in the order wanted, with readouts.
     sd : mapping
-        Standard deviation of a mean in SI, by what an axis measures ("f", "w").
+        Standard deviation of a mean in SI, by what an axis measures ("f", "w"). Where one is
+        missing, columns of the table hold it, in output units.
     seconds : str or None
         Column of durations in s; 1 s where there is none.
 
@@ -107,29 +113,83 @@ def means_of(
     by_axis = {axis: name for axis, name, _ in columns.channels}
     output = np.empty((len(labels), len(sensor.axes)))
     for k, axis in enumerate(sensor.axes):
-        column = table.columns[by_axis[axis.name]]
-        if column.dtype.kind != "f":
-            raise InputError(f"{path}: column {by_axis[axis.name]!r} holds words, not numbers")
-        bad = np.flatnonzero(~np.isfinite(column))
-        if bad.size:
-            raise InputError(
-                f"{path} line {table.first_line + bad[0]}: column {by_axis[axis.name]!r} is not "
-                "finite; give the mean or take the row out"
-            )
-        output[:, k] = column
-    kinds = {axis.measures for axis in sensor.axes}
-    if missing := kinds - set(sd):
-        name = {"f": "accelerometer", "w": "gyro"}[missing.pop()]
-        raise InputError(f"{path}: [data.sd] {name} is missing: state the sd of a mean, with unit")
-    deviation = np.array([sd[axis.measures] for axis in sensor.axes])
+        output[:, k] = _finite(path, table, by_axis[axis.name], "give the mean")
     if not (np.isfinite(durations) & (durations > 0)).all():
         raise InputError(f"{path}: durations must be positive numbers of s")
+    deviation = _deviations(path, table, by_axis, sensor, sd)
     return Observations(
         labels=labels,
         mean=sensor.to_si(output),
-        covariance=np.broadcast_to(np.diag(deviation**2), (len(labels), *[len(deviation)] * 2)),
+        covariance=deviation[..., None] ** 2 * np.eye(len(sensor.axes)),
         duration=durations,
         samples=np.ones(len(labels), dtype=np.int64),
         time=np.arange(len(labels), dtype=float),
         channels=sensor.channels,
     )
+
+
+def _finite(path: Path, table: Table, name: str, remedy: str) -> Array:
+    """Return a column of numbers, or refuse one that holds others."""
+    column = table.columns[name]
+    if column.dtype.kind != "f":
+        raise InputError(f"{path}: column {name!r} holds words, not numbers")
+    bad = np.flatnonzero(~np.isfinite(column))
+    if bad.size:
+        raise InputError(
+            f"{path} line {table.first_line + bad[0]}: column {name!r} is not finite; {remedy} or "
+            "take the row out"
+        )
+    return table.numbers(name)
+
+
+def _deviations(
+    path: Path,
+    table: Table,
+    by_axis: Mapping[str, str],
+    sensor: Sensor,
+    sd: Mapping[str, float],
+) -> Array:
+    """Return the standard deviation of each mean, (r, m) SI, as stated or of the rows' own."""
+    rows = next(iter(table.columns.values())).size
+    found: list[Array] = []
+    for axis in sensor.axes:
+        if axis.measures in sd:
+            found.append(np.full(rows, sd[axis.measures]))
+            continue
+        name = by_axis[axis.name] + SD
+        if name not in table.columns:
+            kind = {"f": "accelerometer", "w": "gyro"}[axis.measures]
+            raise InputError(
+                f"{path}: [data.sd] {kind} is missing: state the sd of a mean, with unit, or give "
+                f"that of each row in columns, {name!r} and alike"
+            )
+        own = _finite(path, table, name, "give the deviation of the mean")
+        if (bad := np.flatnonzero(own <= 0)).size:
+            raise InputError(
+                f"{path} line {table.first_line + bad[0]}: column {name!r} is {own[bad[0]]:g}; "
+                "a standard deviation is positive"
+            )
+        found.append(own / abs(axis.readout.scale))
+    return np.stack(found, axis=-1)
+
+
+def write_means(
+    path: str | os.PathLike[str], columns: Mapping[str, Sequence[str | float | int]]
+) -> None:
+    """Write a table of means, CSV, whole or not at all; numbers with all their digits.
+
+    Parameters
+    ----------
+    path : path
+    columns : mapping of str to sequence of r str or numbers
+        By their names, in order.
+
+    Raises
+    ------
+    InputError
+        A path that cannot be written.
+    """
+    with atomic_write(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+        lines = csv.writer(file, lineterminator="\n")
+        lines.writerow(columns)
+        lines.writerows(zip(*columns.values(), strict=True))

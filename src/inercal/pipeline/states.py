@@ -1,0 +1,83 @@
+"""The states of a recording on a rate table, as the table of means that they make.
+
+r/min against three axes, one row a state in the order of time. With kind = "means" and its name in
+[data] file the same run file calibrates from it, the rows weighed by their own deviations. What
+the table does not hold are correlations of the noise between axes, and drift between rows.
+"""
+
+from collections.abc import Sequence
+from math import pi
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from inercal.benches import RateTable
+from inercal.io.means import SD, write_means
+from inercal.pipeline.inputs import readback_columns, readback_units
+from inercal.plan import Spin
+from inercal.runfile import Run
+
+if TYPE_CHECKING:
+    from inercal.pipeline import Outcome
+
+Cells = Sequence[str] | Sequence[float] | Sequence[int]
+TURNS, SECONDS = "turns", "seconds"
+
+
+def write_states(run: Run, outcome: "Outcome", path: Path) -> Path | None:
+    """Write the states of a run's recording, and return where; None of a run that has none.
+
+    Parameters
+    ----------
+    run : Run
+    outcome : Outcome
+        Of the run.
+    path : Path
+        A .csv.
+
+    Raises
+    ------
+    InputError
+        A path that cannot be written.
+    """
+    if outcome.recording is None or not isinstance(run.bench, RateTable):
+        return None
+    write_means(path, states(run, outcome))
+    return path
+
+
+def states(run: Run, outcome: "Outcome") -> dict[str, Cells]:
+    """Return the columns of the table, by name.
+
+    Mounting, rate and axes have the names and the units of the run's [data]; behind them come the
+    standard deviations of the means, whole turns and seconds.
+
+    Parameters
+    ----------
+    run : Run
+        On a rate table.
+    outcome : Outcome
+        Of a recording.
+    """
+    recording, seen = outcome.recording, outcome.observations
+    assert recording is not None
+    assert recording.labels is not None
+    order = np.argsort([mark.start for mark in outcome.marks], kind="stable").tolist()
+    rates = [step.rate for step in outcome.steps if isinstance(step, Spin)]
+    sensor = outcome.calibration.sensor
+    mean = sensor.to_output(seen.mean)
+    scale = np.array([abs(axis.readout.scale) for axis in sensor.axes])
+    sd = np.sqrt(np.diagonal(seen.covariance, axis1=-2, axis2=-1)) * scale
+    data, size = run.data, readback_units(run)["arm_rate"]
+    turns = [round(abs(w) * t / (2 * pi)) for w, t in zip(rates, seen.duration, strict=True)]
+    mounting = [str(recording.labels[mark.start]).strip() for mark in outcome.marks]
+    axes = [str(column) for column in data.accelerometer]
+    found: dict[str, Cells] = {
+        str(data.mounting): [mounting[k] for k in order],
+        readback_columns(run)["arm_rate"]: [rates[k] / size for k in order],
+    }
+    found |= {name: mean[order, k].tolist() for k, name in enumerate(axes)}
+    found |= {name + SD: sd[order, k].tolist() for k, name in enumerate(axes)}
+    found |= {TURNS: [turns[k] for k in order], SECONDS: seen.duration[order].tolist()}
+    return found

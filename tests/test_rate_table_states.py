@@ -1,0 +1,112 @@
+"""The reduced table of a recording on a rate table, and a calibration from it."""
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inercal.errors import InputError
+from inercal.io.write import write_recording
+from inercal.pipeline import Outcome, calibrate, named_as_in, simulate
+from inercal.pipeline.states import write_states
+from inercal.plan import Spin
+from inercal.runfile import Run, read
+
+FOLDER = Path(__file__).parents[1] / "examples" / "rate_table"
+
+
+def reduced(folder: Path) -> tuple[Run, Outcome, Path]:
+    """Simulate the example, calibrate it, and write its states."""
+    text = (FOLDER / "ship_recording.toml").read_text(encoding="utf-8")
+    path = folder / "ship_recording.toml"
+    path.write_text(text, encoding="utf-8")
+    run = read(path)
+    write_recording(named_as_in(run, simulate(run, 4)), run.file(run.data.file))
+    outcome = calibrate(run)
+    states = write_states(run, outcome, folder / "ship.states.csv")
+    assert states is not None
+    means = text.replace('file = "ship_recording.csv"', 'kind = "means"\nfile = "ship.states.csv"')
+    (folder / "means.toml").write_text(means, encoding="utf-8")
+    return run, outcome, states
+
+
+def test_states_are_a_table_of_rates_against_three_axes(tmp_path: Path):
+    run, outcome, path = reduced(tmp_path)
+    with path.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0]) == [
+        "mounting", "rpm", "ax", "ay", "az", "ax_sd", "ay_sd", "az_sd", "turns", "seconds",
+    ]  # fmt: skip
+    assert len(rows) == len(run.steps)
+    first = [(row["mounting"], round(float(row["rpm"])), int(row["turns"])) for row in rows[:4]]
+    assert first[0] == ("XY", 0, 0)
+    assert [name[:2] for name in first[1:]] == [("XY", 46), ("XY", 86), ("YX", 0)]
+    # 15 s and what of settling was not needed.
+    assert 10 <= first[1][2] <= 13
+    assert 20 <= first[2][2] <= 24
+    for row, turns in ((rows[1], first[1][2]), (rows[2], first[2][2])):
+        assert float(row["seconds"]) == pytest.approx(turns * 60 / float(row["rpm"]), abs=0.03)
+    # White noise and rounding of an LSB: 300 µg/√Hz, 1/√12 at 50 Hz.
+    density = np.hypot(300e-6 * 8192, 1 / np.sqrt(12 * 50))
+    for row in rows:
+        expected = density / np.sqrt(float(row["seconds"]))
+        assert float(row["ay_sd"]) == pytest.approx(expected, rel=0.35)
+    turning = [step for step in outcome.steps if isinstance(step, Spin) and step.rate]
+    assert sum(row["turns"] != "0" for row in rows) == len(turning)
+
+
+def test_the_table_gives_the_calibration_of_its_recording(tmp_path: Path):
+    run, outcome, _ = reduced(tmp_path)
+    again = calibrate(tmp_path / "means.toml")
+    # The table holds no correlations between the axes' noise: without them, the same to rounding.
+    covariance = outcome.observations.covariance * np.eye(3)
+    alone = replace(outcome.observations, covariance=covariance)
+    same = run.method.estimator("joint")(alone, run.sensor, run.bench, outcome.steps, ())
+    p = len(run.sensor.coefficients)
+    sd = same.std[:p]
+    assert (again.estimate.value[:p] - same.value[:p]) / sd == pytest.approx(0, abs=1e-6)
+    assert again.estimate.std[:p] == pytest.approx(sd, rel=1e-6)
+    off = (again.calibration.values - outcome.calibration.values) / outcome.calibration.std
+    assert np.abs(off).max() < 0.3
+    assert again.estimate.consistent
+
+
+def test_a_table_of_means_leaves_no_states(tmp_path: Path):
+    run = read(FOLDER / "ship.toml")
+    assert write_states(run, calibrate(run), tmp_path / "states.csv") is None
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("column", "cell", "words"),
+    [
+        ("ay_sd", "0", "line 3: column 'ay_sd' is 0; a standard deviation is positive"),
+        ("ay_sd", "nan", "line 3: column 'ay_sd' is not finite; give the deviation of the mean"),
+        (None, "", r"\[data.sd\] accelerometer is missing: .* in columns, 'ax_sd' and alike"),
+    ],
+)
+def test_deviations_that_are_none_are_refused(
+    tmp_path: Path, column: str | None, cell: str, words: str
+):
+    _, _, path = reduced(tmp_path)
+    header, *rows = csv.reader(path.read_text(encoding="utf-8").splitlines())
+    if column is None:
+        header = [name.replace("_sd", " sd") for name in header]
+    else:
+        rows[1][header.index(column)] = cell
+    with path.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file).writerows([header, *rows])
+    with pytest.raises(InputError, match=words):
+        calibrate(tmp_path / "means.toml")
+
+
+def test_what_is_stated_takes_the_place_of_the_columns(tmp_path: Path):
+    reduced(tmp_path)
+    path = tmp_path / "means.toml"
+    text = path.read_text(encoding="utf-8")
+    stated = text.replace("[method]", '[data.sd]\naccelerometer = "2 mg"\n\n[method]')
+    path.write_text(stated, encoding="utf-8")
+    covariance = calibrate(path).observations.covariance
+    assert np.sqrt(covariance[:, 0, 0]) == pytest.approx(2e-3 * 9.80665)
