@@ -1,4 +1,4 @@
-"""`inercal plan` of a dividing head: what it prints and writes, and what it refuses."""
+"""`inercal plan` of a bench: what it prints and writes, and what it refuses."""
 
 import csv
 import json
@@ -11,7 +11,9 @@ import pytest
 
 from inercal.cli.app import main
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "dividing_head" / "pair.toml"
+EXAMPLES = Path(__file__).parents[2] / "examples"
+EXAMPLE = EXAMPLES / "dividing_head" / "pair.toml"
+SHIP = EXAMPLES / "rate_table" / "ship.toml"
 
 Program = Callable[..., tuple[int, str, str]]
 
@@ -161,3 +163,61 @@ def test_plans_by_hand_have_their_own_defaults(program: Program):
     content = json.loads(program("multi-position", "--json")[1])
     assert len(content["steps"]) == 24
     assert {step["seconds"] for step in content["steps"]} == {3.0}
+
+
+def test_states_of_a_rate_table_in_order_and_what_they_will_give(program: Program):
+    status, printed, errors = program("ship-multi-angle", "--run", SHIP)
+    assert (status, errors) == (0, "")
+    assert "25 states, 62.5 min in all" in printed
+    row = r"│ +10 │ XY30 +│ \+z up, tilted 30° \(\+x rises\) +│ +46 │ 150 s │"
+    assert re.search(row + r" \+1.012 │ \+0.000 │ \+0.569 │", printed)
+    assert re.search(r"ax\.k0 +│ bias +│ +610 │ µg", printed)
+    assert "look for exchanged or reversed axes" in printed.replace("\n", " ")
+
+
+def test_one_object_of_a_rate_table(program: Program):
+    status, printed, _ = program("ship-planar", "--run", SHIP, "--seconds", "60", "--json")
+    content = json.loads(printed)
+    assert status == 0
+    assert set(content) == {"steps", "seconds", "notes", "expected"}
+    assert content["seconds"] == 9 * 60
+    first = content["steps"][1]
+    assert (first["label"], first["mounting"], first["up"]) == ("XY_46", "XY", "+z up")
+    assert first["rpm"] == pytest.approx(46)
+    assert first["felt"] == pytest.approx([0.25 * (46 * 3.14159265 / 30) ** 2, 0, 9.7936])
+    assert {one["unit"] for one in content["expected"]} == {"m/s²", "1", "rad"}
+
+
+def test_the_table_of_a_rate_table_is_written_once(program: Program, tmp_path: Path):
+    sheet = tmp_path / "sheet.csv"
+    status, printed, _ = program("ship-multi-angle", "--run", SHIP, "--out", sheet)
+    assert status == 0
+    assert f"wrote {sheet}" in printed.replace("\n", "")
+    assert 'kind = "means"' in printed
+    with sheet.open(encoding="utf-8", newline="") as file:
+        header, *rows = csv.reader(file)
+    assert header == ["mounting", "rpm", "ax", "ay", "az"]
+    assert rows[1] == ["XY", "46", "", "", ""]
+    assert [row[0] for row in rows[9:11]] == ["XY30", "XY30"]
+    assert len(rows) == 25
+    assert {path.name for path in tmp_path.iterdir()} == {"sheet.csv"}
+    status, _, errors = program("ship-multi-angle", "--run", SHIP, "--out", sheet)
+    assert status == 2
+    assert "write over it with --force" in errors
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("ship-multi-angle",), "a plan of ship_multi_angle needs the run file: --run"),
+        (("ship-planar", "-r", str(SHIP), "-o", "a.txt"), "--out a.txt: name a .csv"),
+        (("ship-planar", "-r", str(SHIP), "--positions", "3"), "the plan of ship_planar has none"),
+        (("six-position",), "methods on a dividing head or a rate table"),
+    ],
+)
+def test_refusals_of_a_rate_table_are_one_line(
+    program: Program, arguments: tuple[str, ...], said: str
+):
+    status, printed, errors = program(*arguments)
+    assert (status, printed, errors.count("\n")) == (2, "", 1)
+    assert said in errors

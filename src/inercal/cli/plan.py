@@ -14,7 +14,7 @@ _POSITIONS, _SECONDS = 24, 3.0  # by hand
 
 def run(
     method: str = typer.Argument(
-        help="The method: multi-position, or one on a dividing head, such as dual-orthogonal."
+        help="multi-position, or a method on a dividing head or a rate table: dual-orthogonal, …"
     ),
     run_file: Path | None = typer.Option(
         None, "--run", "-r", help="Run file whose sensor, bench and coefficients count."
@@ -23,35 +23,39 @@ def run(
         None, help=f"Rests by hand, {_POSITIONS}; of a head in one turn, as in the run file."
     ),
     seconds: float | None = typer.Option(
-        None, help=f"Length of each hold, s: {_SECONDS:g} by hand; of a head as in the run file."
+        None, help=f"Length of each hold, s: {_SECONDS:g} by hand; of others as in the run file."
     ),
     out: Path | None = typer.Option(
-        None, "--out", "-o", help="Of a head: the table to fill (.csv), its page (.html) beside it."
+        None, "--out", "-o", help="The table to fill (.csv); of a head with a page (.html) beside."
     ),
     force: bool = typer.Option(False, "--force", help="Write over an existing worksheet."),
     json: bool = typer.Option(False, "--json", help="Print one JSON object."),
 ) -> None:
     """Print what to do, position by position, with the uncertainties to expect of it."""
-    from inercal.benches import DividingHead
+    from inercal.benches import DividingHead, RateTable
+    from inercal.cli.plan_head import plan_head
+    from inercal.cli.plan_table import plan_table
     from inercal.errors import InputError
     from inercal.methods import method as named
 
     name = method.replace("-", "_")
     chosen = named(name)
-    if chosen.bench is DividingHead:
-        from inercal.cli.plan_head import plan_head
-
+    on_bench = {DividingHead: plan_head, RateTable: plan_table}.get(chosen.bench)
+    if on_bench is not None:
         if run_file is None:
             raise InputError(f"a plan of {name} needs the run file: --run")
-        plan_head(run_file, _keys(name, positions, seconds), out, force=force, json=json)
+        on_bench(run_file, _keys(name, positions, seconds), out, force=force, json=json)
         return
     if not chosen.free:
         raise InputError(
             f"plans of {method} are fixed, by [method] in the run file; inercal budget says what "
-            "they give. Plans are made for multi-position, and for methods on a dividing head"
+            "they give. Plans are made for multi-position, and for methods on a dividing head or a "
+            "rate table"
         )
     if out is not None:
-        raise InputError("--out: a plan by hand is printed; worksheets are of a dividing head")
+        raise InputError(
+            "--out: a plan by hand is printed; worksheets are of a dividing head or a rate table"
+        )
     _plan_by_hand(
         run_file,
         _keys(

@@ -1,0 +1,82 @@
+"""What plans of a bench have in common: files to write, and what will be known."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from inercal.design.known import Known
+    from inercal.runfile import Run
+
+
+def files_of(out: Path, *, page: bool, force: bool) -> dict[str, Path]:
+    """Return the files to write, "sheet" and, if there is one, "page".
+
+    Raises
+    ------
+    InputError
+        A name that is no .csv, a folder, or a file that exists, unless by `force`.
+    """
+    from inercal.errors import InputError
+
+    if out.suffix.lower() != ".csv":
+        beside = "; the page is written beside it" if page else ""
+        raise InputError(f"--out {out}: name a .csv{beside}")
+    files = {"sheet": out} | ({"page": out.with_suffix(".html")} if page else {})
+    for path in files.values():
+        if path.is_dir():
+            raise InputError(f"{path} is a folder; name another with --out")
+        if path.exists() and not force:
+            raise InputError(
+                f"{path} exists: name another with --out, or write over it with --force"
+            )
+    return files
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file whole or not at all."""
+    from inercal.io.atomic import atomic_write
+
+    with atomic_write(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def print_written(files: dict[str, Path]) -> None:
+    """Say which files were written, and how the table is used."""
+    for path in files.values():
+        print(f"wrote {path}")
+    if "sheet" in files:
+        name = files["sheet"].name
+        print(
+            f'{name}, filled, is calibrated with [data] file = "{name}", kind = "means" '
+            "and [data.sd] accelerometer, the standard deviation of a mean"
+        )
+
+
+def known_as_object(one: "Known") -> dict[str, Any]:
+    """Return a coefficient and its expected uncertainty for JSON, SI."""
+    from inercal.sensors import SI_UNITS
+
+    return {"name": one.name, "std": one.std, "unit": SI_UNITS[one.unit]}
+
+
+def print_known(run: "Run", parts: Sequence[Sequence["Known"]], console: "Console") -> None:
+    """Print the expected uncertainties, part by part."""
+    from rich.table import Table
+
+    from inercal.calibration.verdict import COVERAGE
+    from inercal.units import digits
+
+    table = Table(title=f"to expect of {run.sensor.name}: {run.method.name}, {run.estimator}")
+    table.add_column("coefficient")
+    table.add_column("meaning")
+    table.add_column("U (k = 2)", justify="right")
+    table.add_column("unit")
+    for part in parts:
+        for one in part:
+            expanded = digits(0.0, COVERAGE * one.std / one.size)[1]
+            table.add_row(one.name, one.meaning, expanded, one.unit)
+        table.add_section()
+    console.print(table)

@@ -1,0 +1,84 @@
+"""How well coefficients will be known: what the run's estimator states of its own plan.
+
+The readings are made by the bench as declared, with the noise and the priors as stated
+(`inercal.budget.experiment`); the run's data are not looked at.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from inercal.budget.of_run import experiment_of
+from inercal.errors import InputError, NotObserved
+from inercal.estimate import Estimate
+from inercal.runfile import Run
+from inercal.sensors import Sensor
+
+
+@dataclass(frozen=True)
+class Known:
+    """How well a coefficient, or a sum of two, will be known.
+
+    Parameters
+    ----------
+    name, meaning : str
+    unit : str
+        As it is printed.
+    size : float
+        SI size of the unit.
+    std : float
+        Standard uncertainty, SI.
+    """
+
+    name: str
+    meaning: str
+    unit: str
+    size: float
+    std: float
+
+
+def estimate_of_plan(run: Run, rows: str) -> Estimate:
+    """Return what the run's estimator makes of its plan.
+
+    Parameters
+    ----------
+    run : Run
+        In known attitudes.
+    rows : str
+        What the plan is of, "positions" or "states".
+
+    Raises
+    ------
+    InputError
+        No noise, or no result of this plan.
+    NotObserved
+        Coefficients that the plan leaves open.
+    """
+    experiment = experiment_of(run)
+    try:
+        estimate = experiment.estimate()
+    except NotObserved as error:
+        raise NotObserved(
+            f"{run.path}: the plan of {len(run.steps)} {rows} leaves open what is asked for: "
+            f"{error}",
+            error.directions,
+        ) from None
+    except InputError as error:
+        raise InputError(f"{run.path}: {error}") from None
+    if not (np.all(estimate.converged) and np.isfinite(estimate.covariance).all()):
+        raise InputError(
+            f"{run.path}: estimator {run.estimator} finds no result of this plan: look at the "
+            "noise as stated and at [sensor.truth]"
+        )
+    return estimate
+
+
+def alone(estimate: Estimate, sensor: Sensor) -> tuple[Known, ...]:
+    """Return each coefficient of the sensor."""
+    found: list[Known] = []
+    # As modelled: by how much one draw of the noise scatters is no matter of the plan.
+    variance = np.diagonal(estimate.covariance)
+    for name, std in zip(sensor.coefficients, np.sqrt(variance).tolist(), strict=False):
+        line = sensor.coefficient(name)
+        found.append(Known(name, line.meaning, line.unit, line.si, std))
+    return tuple(found)
