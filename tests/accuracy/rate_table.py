@@ -46,6 +46,7 @@ class Bench:
     rate: float = 0.0  # relative, of the run
     gravity: float = 0.0  # relative
     lean: float = 0.0  # rad, each of two components in the room
+    one_azimuth: bool = False  # whether the table stops at one azimuth each time
     scale: float = 0.02
     cross: float = 0.012
     bias: float = 0.04
@@ -137,6 +138,8 @@ def draw(
     gravity = 1 + bench.gravity * rng.standard_normal(trials)
     lean = bench.lean * rng.standard_normal((trials, 2))
     azimuth = rng.uniform(0, 2 * pi, (trials, len(states)))
+    if bench.one_azimuth:
+        azimuth[:] = azimuth[:, :1]
     felt = np.empty_like(noise)
     for k, (plane, tilt, second, w) in enumerate(states):
         m = (plane, tilt, second)
