@@ -202,3 +202,17 @@ def test_plan_says_whose_plans_it_makes(
         main()
     assert stop.value.code == 2
     assert "are fixed, by [method] in the run file" in capsys.readouterr().err
+
+
+def test_a_recording_on_a_rate_table_leaves_its_states_as_a_table(
+    tmp_path: Path, said: Callable[..., str]
+):
+    example = Path(__file__).parents[2] / "examples/rate_table/ship_recording.toml"
+    path = tmp_path / "ship.toml"
+    path.write_text(example.read_text(encoding="utf-8"), encoding="utf-8")
+    said("simulate", path)
+    printed = said("calibrate", path, "--out", tmp_path, "--no-report")
+    assert "ship.states.csv" in printed
+    rows = (tmp_path / "ship.states.csv").read_text(encoding="utf-8").splitlines()
+    assert rows[0].startswith("mounting,rpm,ax,ay,az,ax_sd")
+    assert len(rows) == 1 + 25

@@ -18,6 +18,7 @@ def run(
     from inercal.cli.show import as_json, as_table, told, working
     from inercal.errors import InputError
     from inercal.pipeline import calibrate
+    from inercal.pipeline.states import write_states
     from inercal.runfile import read
 
     if not out.is_dir():
@@ -33,7 +34,9 @@ def run(
 
             write_report(outcome, page, plan.truth or None)
         save(outcome.calibration, result)
+        states = write_states(plan, outcome, out / f"{run_file.stem}.states.csv")
     files = {"calibration_file": str(result)} | ({"report": str(page)} if with_report else {})
+    files |= {"states": str(states)} if states else {}
     if json:
         as_json(as_object(outcome.calibration) | files)
         return

@@ -5,8 +5,8 @@ With a the readings and f what the bench says was felt, of each axis on its own:
     f_x = Sx a_x + Exy a_y + Exz a_z + Axp        and y, z alike
 
 The mountings XY, YX and ZY at 0, 46 and 86 r/min make nine equations of four unknowns an axis. The
-mountings are taken as exact: what pose, seat and speed do to the result is in its covariance, to
-first order, beside the readings' noise.
+mountings are taken as exact: what pose, seat, speed and lean do to the result is in its covariance,
+to first order, beside the readings' noise.
 
 Source: Xiao Changrun, Liu Yang, Liu Ruijie, Transducer and Microsystem Technologies 33(10), 2014,
 equations 1 to 5. The covariance is ours.
@@ -234,7 +234,7 @@ def of_level(
         np.diagonal(spread, axis1=-2, axis2=-1),
         tuple(f"f{axis}[{step.label}]" for step in here for axis in "xyz"),
         notes=(
-            "the mountings' nominal axes are the frame; what pose, seat and speed do to the "
+            "the mountings' nominal axes are the frame; what pose, seat, speed and lean do to the "
             "coefficients is in their uncertainties",
         ),
     )
