@@ -175,6 +175,13 @@ def test_turns_of_a_method_that_makes_none_are_refused(tmp_path: Path):
     assert message == "[method] turn: the plan of six_position has none; it has seconds"
 
 
+def test_what_a_plan_has_instead_is_said_by_the_keys_of_the_run_file(tmp_path: Path):
+    change = ('name = "six_position"', 'name = "ferraris"')
+    gyros = ("[bench]", '[sensor.gyro]\nunit = "°/s"\n\n[bench]')
+    message = refusal(run_file(tmp_path, SIX_POSITIONS + "positions = 5\n", change, gyros))
+    assert message.endswith("the plan of ferraris has none; it has seconds, turn, turn_seconds")
+
+
 def test_a_method_that_needs_gyros_refuses_a_triad(tmp_path: Path):
     message = refusal(run_file(tmp_path, SIX_POSITIONS, ('"six_position"', '"ferraris"')))
     assert "needs accelerometers and gyros" in message

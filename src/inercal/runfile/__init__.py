@@ -231,9 +231,8 @@ def _plan(chosen: Method[Any, Any], section: MethodSection) -> Callable[[], tupl
         if given is None:
             continue
         if option not in possible:
-            raise InputError(
-                f"[method] {key}: the plan of {chosen.name} has none; it has {', '.join(possible)}"
-            )
+            keys = ", ".join(key for key, _, option in _PLAN if option in possible)
+            raise InputError(f"[method] {key}: the plan of {chosen.name} has none; it has {keys}")
         options[option] = _option(given, like, f"[method] {key}")
     return partial(chosen.plan, **options)
 
