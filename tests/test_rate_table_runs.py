@@ -51,6 +51,7 @@ def test_the_example_gives_its_accelerometer(tmp_path: Path):
     outcome = calibrate(written(tmp_path))
     calibration = outcome.calibration
     assert outcome.estimate.consistent
+    assert calibration.conditions["lean at rest, two components (k = 1)"] == "0.05 °"
     assert any(line.startswith("on fresh poses, in any attitude at") for line in outcome.verdict)
     for k, axis in enumerate("xyz"):
         for name, true in ((f"a{axis}.k1", SCALE[k]), (f"a{axis}.k0", BIAS[k] * G0)):
@@ -238,6 +239,7 @@ def test_a_recording_is_reduced_to_states(tmp_path: Path):
         rates = {round(step.rate / RPM) for step in outcome.steps if isinstance(step, Spin)}
         assert rates == {0, 46, 86}
         calibration = outcome.calibration
+        assert calibration.conditions["states"] == "36, in 12 mountings at 3 speeds"
         truth = dict.fromkeys(calibration.sensor.coefficients, 0.0)
         for k, axis in enumerate("xyz"):
             truth |= {f"a{axis}.k1": SCALE[k], f"a{axis}.k0": BIAS[k] * G0}

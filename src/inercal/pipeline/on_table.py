@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from inercal.benches import RateTable
 from inercal.benches.mountings import PLANES, Plane, mounting
-from inercal.benches.rate_table import felt, mountings
+from inercal.benches.rate_table import felt, mountings, speeds
 from inercal.errors import InputError
 from inercal.estimate import Estimate
 from inercal.io.means import means_of, read_columns
@@ -233,12 +233,14 @@ def beside(sensor: Sensor, estimate: Estimate, bench: RateTable, gathered: Gathe
 
 
 def _conditions(bench: RateTable, steps: Sequence[Spin]) -> dict[str, str]:
-    speeds = len({round(abs(step.rate), 6) for step in steps})
+    in_all, at = len(set(mountings(steps))), len(set(speeds(steps)))
     return {
         "gravity": readable(bench.gravity.value, bench.gravity.sd, "m/s²"),
         "radius": readable(bench.radius.value, bench.radius.sd, "m"),
-        "states": f"{len(steps)}, in {len(set(mountings(steps)))} mountings at {speeds} speeds",
+        "states": f"{len(steps)}, in {in_all} mountings at {at} speeds",
         "angles of each mounting (k = 1)": readable(bench.pose, 0.0, "°"),
         "radius of each mounting (k = 1)": readable(bench.seat, 0.0, "mm"),
+        "rate, common to all (k = 1)": readable(bench.rate, 0.0, "%"),
         "speed (k = 1)": readable(bench.speed, 0.0, "%"),
+        "lean at rest, two components (k = 1)": readable(bench.lean, 0.0, "°"),
     }
