@@ -53,4 +53,7 @@ def test_it_is_said_beside_the_residuals():
     assert text.startswith(
         "on fresh poses, in any attitude at up to 86 r/min, the corrected vector"
     )
+    framed = replace(SENSOR, frame="symmetric")
+    found = one(ESTIMATORS["damped"](given.seen, framed, given.bench, given.steps), 0)
+    assert "vector, in the symmetric frame, is off by" in note(framed, found, FASTEST, RADIUS, G0)
     assert np.linalg.norm(poses(FASTEST, RADIUS, G0), axis=-1).max() < 2.4 * G0

@@ -55,8 +55,9 @@ def note(sensor: Sensor, estimate: Estimate, fastest: float, radius: float, g: f
     """Say the error to expect on fresh poses beside the residuals in the sample, in mg."""
     error = expected(sensor, estimate, poses(fastest, radius, g)) / _MG
     inside = float(np.sqrt(np.mean(estimate.residual**2))) / _MG
+    frame = "" if sensor.frame == "mount" else f", in the {sensor.frame} frame,"
     return (
         f"on fresh poses, in any attitude at up to {fastest * 30 / pi:.3g} r/min, the corrected "
-        f"vector is off by {error:.2g} mg (rms, k = 1); each residual in the sample is "
+        f"vector{frame} is off by {error:.2g} mg (rms, k = 1); each residual in the sample is "
         f"{inside:.2g} mg rms"
     )

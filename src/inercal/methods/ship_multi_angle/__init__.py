@@ -1,8 +1,8 @@
 """A triad on a plain rate table, tilted by known angles, as in tests of ship models.
 
 * `joint`: all states together, untilted and tilted, each axis against what it felt; the angles of
-  each mounting, its radius, the speeds, the radius and gravity are nuisances with their stated
-  deviations.
+  each mounting, its radius, the speeds, the lean at each rest, the radius and gravity are nuisances
+  with their stated deviations.
 * `planar`: the untilted states alone, linear (`inercal.methods.ship_planar`).
 * `planar_norm`: the untilted states as vectors and the tilted ones as norms, rows alike.
 * `damped`: the source's Levenberg–Marquardt on the norms of the tilted states, from `planar`.
