@@ -10,6 +10,7 @@ from inercal.benches import RateTable
 from inercal.io.write import write_recording
 from inercal.pipeline import calibrate, named_as_in, simulate
 from inercal.pipeline.on_table import states_of
+from inercal.report.tables import coefficients
 from inercal.runfile import Run, read
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "rate_table" / "ship_recording.toml"
@@ -58,6 +59,21 @@ def test_without_noise_and_errors_the_truth_comes_back(tmp_path: Path):
     write_recording(named_as_in(run, simulate(run)), run.file(run.data.file))
     error = calibrate(run).calibration.values - truth(run)
     assert np.abs(error / run.sensor.natural).max() < 1e-10
+
+
+def test_a_result_in_the_symmetric_frame_is_compared_with_the_truth_in_it(tmp_path: Path):
+    framed = ('name = "model 12, midships"', 'name = "m"\nframe = "symmetric"')
+    damped = ('"ship_multi_angle"', '"ship_multi_angle"\nestimator = "damped"')
+    run = run_of(tmp_path, *EXACT[:-2], framed, damped)
+    write_recording(named_as_in(run, simulate(run)), run.file(run.data.file))
+    outcome = calibrate(run)
+    error = outcome.calibration.values - truth(run)
+    # What is stated is in the frame of the mountings.
+    assert np.abs(error / outcome.calibration.std).max() > 10
+    (group,) = coefficients(outcome, run.truth)
+    rows = [row for axis in group.axes for row in axis]
+    print([row.error for row in rows])
+    assert not any(row.far for row in rows)
 
 
 def squares(run: Run, seed: int, trials: int) -> tuple[np.ndarray, np.ndarray]:

@@ -44,6 +44,7 @@ def as_table(outcome: "Outcome", truth: Mapping[str, float]) -> None:
 
     from inercal.calibration.verdict import COVERAGE
     from inercal.pipeline.judgement import judge
+    from inercal.pipeline.truth import in_frame_of
     from inercal.units import digits
 
     calibration = outcome.calibration
@@ -55,7 +56,7 @@ def as_table(outcome: "Outcome", truth: Mapping[str, float]) -> None:
     table.add_column("unit")
     if truth:
         table.add_column("error / u", justify="right")
-    previous = ""
+    previous, true = "", in_frame_of(calibration, truth)
     for name, value, std in zip(
         calibration.sensor.coefficients, calibration.values, calibration.std, strict=True
     ):
@@ -65,7 +66,7 @@ def as_table(outcome: "Outcome", truth: Mapping[str, float]) -> None:
             table.add_section()
         previous = axis
         cells = digits(value / line.si, COVERAGE * std / line.si)
-        error = [f"{(value - truth.get(name, 0.0)) / std:+.2f}"] if truth else []
+        error = [f"{(value - true[name]) / std:+.2f}"] if truth else []
         table.add_row(name, line.meaning, *cells, line.unit, *error)
     console = Console()
     console.print(table)

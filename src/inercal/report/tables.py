@@ -10,6 +10,7 @@ from inercal.calibration.verdict import COVERAGE
 from inercal.estimate import Estimate
 from inercal.parameters import Parameter
 from inercal.pipeline import Outcome
+from inercal.pipeline.truth import in_frame_of
 from inercal.sensors import G0
 from inercal.units import digits
 
@@ -68,11 +69,12 @@ def minus(text: str) -> str:
 def coefficients(outcome: Outcome, truth: Mapping[str, float] | None) -> list[Group]:
     """Return the coefficients by kind and axis, with U = k u in the units of the sensor's table."""
     calibration = outcome.calibration
+    true = None if truth is None else in_frame_of(calibration, truth)
     groups: list[Group] = []
     for kind, title in (("f", "Accelerometers"), ("w", "Gyros")):
         rows = [
             tuple(
-                _row(outcome, name, truth)
+                _row(outcome, name, true)
                 for name in calibration.sensor.coefficients
                 if name.partition(".")[0] == axis.name
             )
@@ -84,15 +86,15 @@ def coefficients(outcome: Outcome, truth: Mapping[str, float] | None) -> list[Gr
     return groups
 
 
-def _row(outcome: Outcome, name: str, truth: Mapping[str, float] | None) -> CoefficientRow:
+def _row(outcome: Outcome, name: str, true: Mapping[str, float] | None) -> CoefficientRow:
     calibration = outcome.calibration
     line = calibration.sensor.coefficient(name)
     value, sd = calibration.value(name), calibration.uncertainty(name)
     shown, expanded = digits(value / line.si, COVERAGE * sd / line.si)
     symbol, _, index = line.symbol.partition("_")
     error = float("nan")
-    if truth is not None and sd > 0:
-        error = (value - truth.get(name, 0.0)) / sd
+    if true is not None and sd > 0:
+        error = (value - true[name]) / sd
     return CoefficientRow(
         name,
         symbol,
