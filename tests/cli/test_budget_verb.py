@@ -9,6 +9,7 @@ from tests.runfile.texts import SIX_POSITIONS, run_file
 
 from inercal.cli.app import main
 
+SHIP = Path(__file__).parents[2] / "examples" / "rate_table" / "ship.toml"
 HAND_HELD = ('name = "six_position"\nseconds = "4 s"', 'name = "multi_position"')
 
 
@@ -84,6 +85,16 @@ def test_what_cannot_be_done_is_one_line_and_writes_nothing(
     assert words in errors
     assert errors.count("\n") == 1
     assert [p.name for p in tmp_path.iterdir()] == ["run.toml"]
+
+
+def test_a_search_is_refused_in_the_place_of_hours(tmp_path: Path, program: Program):
+    text = SHIP.read_text(encoding="utf-8") + 'estimator = "global"\n'
+    (tmp_path / "ship.toml").write_text(text, encoding="utf-8")
+    status, printed, errors = program(tmp_path / "ship.toml", "--out", tmp_path)
+    assert (status, printed) == (2, "")
+    assert "estimator global searches" in errors
+    assert "state damped" in errors
+    assert errors.count("\n") == 1
 
 
 def test_no_run_file_is_one_line(tmp_path: Path, program: Program):

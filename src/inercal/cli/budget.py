@@ -37,6 +37,11 @@ def run(
     if not out.is_dir():
         raise InputError(f"{out}: no such folder to write to")
     plan = read(run_file)
+    if plan.search is not None:
+        raise InputError(
+            f"{run_file}: estimator {plan.estimator} searches, and a budget repeats it thousands "
+            "of times, for hours; state damped, which solves the same norms, or joint"
+        )
     with working(f"first order of {plan.sensor.name}") as update:
         found = budget(
             experiment_of(plan),
