@@ -9,7 +9,7 @@ import pytest
 from tests.accuracy import rate_table as made
 
 from inercal.benches.mountings import PLANES, RPM, mounting, multi_angle_plan, planar_plan, tilted
-from inercal.benches.rate_table import RateTable, by_parameter, felt, speeds
+from inercal.benches.rate_table import RateTable, by_parameter, felt, mountings, speeds
 from inercal.errors import InputError
 from inercal.plan import Spin
 from inercal.units import Measured
@@ -115,6 +115,14 @@ def test_mountings_and_speeds_share_what_is_theirs():
     assert len(acts["g"]) == 25
     assert len(BENCH.nuisances(steps)) == 3 + 13 * 4 + 2 + 3 * 2
     assert by_parameter(BENCH, steps).shape == (63, 25, 3)
+
+
+def test_tilts_that_differ_a_little_are_two_mountings():
+    tilts = ((135.01, 45), (135.04, 45), (135.04, 45.001))
+    poses = [mounting("XY", radians(first), radians(second)) for first, second in tilts]
+    steps = [Spin(str(k), 86 * RPM, 1.0, pose) for k, pose in enumerate(poses)]
+    assert mountings(steps) == ["XY135.01+45", "XY135.04+45", "XY135.04+45.001"]
+    assert sum(name.startswith("pose_x") for name in BENCH.nuisances(steps)) == 3
 
 
 def test_rates_read_back_a_little_otherwise_are_one_set_speed():

@@ -38,6 +38,7 @@ About = Literal["tangential", "radial"]
 PLANES: dict[Plane, tuple[str, str]] = {"XY": ("x", "z"), "YX": ("y", "z"), "ZY": ("z", "x")}
 RPM = pi / 30  # rad/s
 FAST, SLOW = 86.0, 46.0  # r/min
+_DIGITS = ".9g"  # of a tilt in °: two that differ are two mountings, and have two names
 
 
 def mounting(
@@ -73,11 +74,11 @@ def mounting(
     level = np.cross(normal, radial)
     c, s = _cos_sin(tilt)
     c2, s2 = (1.0, 0.0) if second is None else _cos_sin(second)
-    name = plane + (f"{degrees(tilt):.4g}" if tilt else "")
+    name = plane + (f"{degrees(tilt):{_DIGITS}}" if tilt else "")
     along = c2 * radial + s2 * level if reading == "azimuth" else radial
     centre, up = c * along - s * normal, s * along + c * normal
     if second is not None:
-        name += f"{degrees(second):+.4g}"
+        name += f"{degrees(second):+{_DIGITS}}"
         if reading == "successive":
             up = c2 * up + s2 * level
         elif reading == "dihedral":
