@@ -139,6 +139,12 @@ def test_an_axis_that_is_not_excited_is_named(tmp_path: Path):
         refused(written(tmp_path, change, rows=without_y), "y", NotObserved)
 
 
+def test_what_an_estimator_refuses_names_the_run_file(tmp_path: Path):
+    name = 'name = "ship_multi_angle"'
+    change = (name, f'{name}\nestimator = "damped"\ncoefficients = ["bias"]')
+    refused(written(tmp_path, change), r"ship\.toml: f = M a \+ p has k0, k1, .*; joint finds what")
+
+
 def test_fewer_than_twelve_groups_are_refused(tmp_path: Path):
     def few(rows: Rows) -> Rows:
         return rows[:-5]

@@ -119,6 +119,8 @@ def calibrate(
         estimate = run.solver(after)(observations, sensor, bench, gathered.plan, run.priors)
     except NotObserved as error:
         raise NotObserved(f"{run.path}: {error}", error.directions) from None
+    except InputError as error:
+        raise InputError(f"{run.path}: {error}") from None
     if isinstance(bench, Centrifuge) and not (estimate.dof and estimate.consistent):
         findings += on_arm.screened(run, bench, gathered)
     if not np.all(estimate.converged):
