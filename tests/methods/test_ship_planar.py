@@ -103,14 +103,15 @@ def test_nine_states_that_leave_an_axis_unexcited_name_it_and_what_to_add():
     speeds = (0.0, 20.0, 46.0, 66.0, 86.0)
     error = refused(lambda state: state[0] != "YX" and state != ("ZY", 0.0, None, 20.0), speeds)
     assert error.directions == ("y",)
-    assert "not observed: y: these 9 states" in str(error)
+    assert "not observed: y: what it feels does not change apart from bias" in str(error)
+    assert "in the states at hand (9)" in str(error)
     assert "add mounting YX (that axis toward the centre)" in str(error)
 
 
 def test_one_mounting_lacks_two_axes():
     error = refused(lambda state: state[0] == "XY", (0.0, 46.0, 86.0))
     assert error.directions == ("y", "z")
-    assert "add mountings YX and ZY" in str(error)
+    assert "add mountings YX, ZY (that axis" in str(error)
 
 
 def test_a_table_that_only_stands_lacks_all():

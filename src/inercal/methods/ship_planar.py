@@ -86,7 +86,7 @@ def of_rows(
     return (turned.reshape(*turned.shape[:-4], size, size) + made.T @ made) / G0**2
 
 
-def require_excited(sensor: Sensor, bench: RateTable, steps: Sequence[Spin]) -> None:
+def require_excited(bench: RateTable, steps: Sequence[Spin]) -> None:
     """Refuse states that leave an axis unexcited, or excited with another one or with the bias.
 
     Raises
@@ -105,12 +105,13 @@ def require_excited(sensor: Sensor, bench: RateTable, steps: Sequence[Spin]) -> 
     part = np.abs(free[:, :3]).max(axis=0)
     lacking = [axis for axis, share in zip("xyz", part, strict=True) if share > 0.1]
     radial = {toward: plane for plane, (toward, _) in PLANES.items()}
-    adding = " and ".join(radial[axis] for axis in lacking)
+    adding = ", ".join(radial[axis] for axis in lacking)
+    one = len(lacking) == 1
     raise NotObserved(
-        f"not observed: {', '.join(lacking)}: these {len(steps)} states do not change what "
-        f"{'it feels' if len(lacking) == 1 else 'they feel'} apart from bias and the other axes; "
-        f"add {'mounting' if len(lacking) == 1 else 'mountings'} {adding} "
-        "(that axis toward the centre) at two speeds or more",
+        f"not observed: {', '.join(lacking)}: what {'it feels' if one else 'they feel'} does not "
+        f"change apart from bias and the other axes in the states at hand ({len(steps)}); add "
+        f"{'mounting' if one else 'mountings'} {adding} (that axis toward the centre) at two "
+        "speeds or more",
         tuple(lacking),
     )
 
@@ -220,7 +221,7 @@ def of_level(
 ) -> Estimate:
     """Return the estimate of `planar` from these rows."""
     here = [steps[k] for k in rows]
-    require_excited(sensor, bench, here)
+    require_excited(bench, here)
     f = felt(bench, here, {}).f / G0
     a = observations.mean[..., rows, :] / G0
     model, gain = level(a, f)

@@ -100,7 +100,7 @@ def joint(
     except NotObserved:
         if not priors:
             # Where the states are to blame, say what to add.
-            require_excited(sensor, bench, steps)
+            require_excited(bench, steps)
         raise
     return replace(estimate, notes=(_told(estimate, steps), *estimate.notes))
 

@@ -49,7 +49,7 @@ def planar_norm(
     groups = tilted_rows("planar_norm", observations, sensor, steps)
     rest = [k for k in range(len(steps)) if k not in groups]
     here = [steps[k] for k in rest]
-    require_excited(sensor, bench, here)
+    require_excited(bench, here)
     a, square = of_norms(observations, bench, steps, groups)
     plain, f = observations.mean[..., rest, :] / G0, felt(bench, here, {}).f / G0
     model, gain, converged = solve(plain, f, a, square)

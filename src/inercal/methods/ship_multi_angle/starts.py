@@ -57,7 +57,7 @@ def start_of(
     if priors:
         raise InputError("damped takes priors in the place of untilted states; joint takes both")
     here = [steps[k] for k in rest]
-    require_excited(sensor, bench, here)
+    require_excited(bench, here)
     model, gain = level(observations.mean[..., rest, :] / G0, felt(bench, here, {}).f / G0)
     return Start(model, "the untilted states", gain)
 
