@@ -79,6 +79,15 @@ def test_a_table_of_means_leaves_no_states(tmp_path: Path):
     assert not list(tmp_path.iterdir())
 
 
+def test_states_are_not_written_over_their_recording(tmp_path: Path):
+    run, outcome, _ = reduced(tmp_path)
+    recording = run.file(run.data.file)
+    before = recording.read_bytes()
+    with pytest.raises(InputError, match="is the recording, and its states would be written over"):
+        write_states(run, outcome, tmp_path / "." / recording.name)
+    assert recording.read_bytes() == before
+
+
 @pytest.mark.parametrize(
     ("column", "cell", "words"),
     [

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from inercal.benches import RateTable
+from inercal.errors import InputError
 from inercal.io.means import SD, write_means
 from inercal.pipeline.inputs import readback_columns, readback_units
 from inercal.plan import Spin
@@ -39,10 +40,15 @@ def write_states(run: Run, outcome: "Outcome", path: Path) -> Path | None:
     Raises
     ------
     InputError
-        A path that cannot be written.
+        A path that cannot be written, or that is the recording itself.
     """
     if outcome.recording is None or not isinstance(run.bench, RateTable):
         return None
+    if path.resolve() == run.file(run.data.file).resolve():
+        raise InputError(
+            f"{path} is the recording, and its states would be written over it: rename one of "
+            "recording and run file"
+        )
     write_means(path, states(run, outcome))
     return path
 
