@@ -114,7 +114,7 @@ def test_one_seed_makes_one_result_and_is_stated(tmp_path: Path):
 
 def test_the_goal_is_the_stated_one(tmp_path: Path):
     outcome = found(tmp_path, "global", 'goal = "0.01 %"')
-    assert "the goal of 0.01% is not met" in " ".join(outcome.verdict)
+    assert "the goal of 0.01 % is not met" in " ".join(outcome.verdict)
     assert outcome.search is not None
     assert outcome.search.met is None
 

@@ -108,7 +108,7 @@ def test_the_estimate_warns_and_is_as_uncertain_as_the_bounds():
     given = one()
     estimate = global_(given.seen, SENSOR, given.bench, given.steps, options=Options(seed=1))
     print(estimate.notes)
-    assert "the goal of 5% is met at generation" in estimate.notes[0]
+    assert "the goal of 5 % is met at generation" in estimate.notes[0]
     assert "chance decided 3 directions" in estimate.notes[1]
     assert "rotation of the triad about x" in estimate.notes[1]
     assert estimate.rank == 9

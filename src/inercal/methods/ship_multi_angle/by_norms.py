@@ -140,9 +140,9 @@ def _went(found: Found, options: Options) -> str:
     met = "is not met" if found.goal is None else f"is met at generation {found.goal}"
     ended = "" if found.in_time else f"; it was ended after {found.seconds:.3g} s"
     return (
-        f"the goal of {100 * options.goal:.3g}% {met}, and says nothing of the coefficients; after "
-        f"{len(found.history)} generations of seed {options.seed} and polishing the largest error "
-        f"of a norm is {found.worst:.2g}, the sum of squares {found.cost:.4g} g⁴{ended}"
+        f"the goal of {100 * options.goal:.3g} % {met}, and says nothing of the coefficients; "
+        f"after {len(found.history)} generations of seed {options.seed} and polishing the largest "
+        f"error of a norm is {found.worst:.2g}, the sum of squares {found.cost:.4g} g⁴{ended}"
     )
 
 
