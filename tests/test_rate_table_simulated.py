@@ -121,3 +121,13 @@ def test_a_recording_needs_a_rate_to_be_simulated(tmp_path: Path):
     run = run_of(tmp_path, ('rate = "50 Hz"', ""))
     with pytest.raises(Exception, match="rate is missing; a simulation needs it"):
         simulate(run)
+
+
+def test_states_that_are_too_short_are_named_in_the_verdict(tmp_path: Path):
+    run = run_of(tmp_path, ('seconds = "15 s"', 'seconds = "3 s"'))
+    write_recording(named_as_in(run, simulate(run)), run.file(run.data.file))
+    outcome = calibrate(run)
+    (finding,) = outcome.findings
+    assert finding.message.startswith("9 states left out: XY at 46 rpm, YX at 46 rpm, ")
+    assert finding.message.endswith("; 3 are needed)")
+    assert finding.message in outcome.verdict

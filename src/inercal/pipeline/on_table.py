@@ -30,7 +30,7 @@ from inercal.pipeline.inputs import (
 from inercal.plan import Attitude, Spin
 from inercal.recording import Finding, Mark, Observations, Recording, joined
 from inercal.runfile import Run
-from inercal.segments import average_dwells, find_dwells, find_stands, observe
+from inercal.segments import average_dwells, find_dwells, find_stands, left_out, observe
 from inercal.segments.dwells import ARM_RATE
 from inercal.sensors import Sensor
 from inercal.units import readable
@@ -125,9 +125,9 @@ def states_of(run: Run, recording: Recording) -> States:
     """
     size = readback_units(run)["arm_rate"]
     recording = replace(recording, readback={ARM_RATE: recording.readback[ARM_RATE] * size})
-    dwells, left_out = find_dwells(recording)
+    dwells, flawed = find_dwells(recording, "table")
     turning, spun = average_dwells(recording, run.sensor, dwells)
-    rests = find_stands(recording)
+    rests, also = find_stands(recording)
     names = [mark.label for mark in rests]
     held = [Spin(name, 0.0) for name in names]
     both = observe(recording, run.sensor, rests, held, found=True) if rests else None
@@ -139,7 +139,9 @@ def states_of(run: Run, recording: Recording) -> States:
         text, where = str(recording.labels[mark.start]), recording.where(mark.start)
         pose = _pose(text, f"{recording.source} {where}: column {str(run.data.mounting)!r}")
         steps.append(replace(step, attitude=pose))
-    return States(observations, tuple(steps), recording, marks, recording.findings + left_out)
+    flawed += also
+    findings = recording.findings + flawed + left_out(recording, marks, flawed)
+    return States(observations, tuple(steps), recording, marks, findings)
 
 
 def _pose(text: str, where: str) -> Attitude:

@@ -4,11 +4,12 @@ from inercal.segments.against_plan import check_against_plan, check_turn_ends
 from inercal.segments.attitudes import as_found, held, unflawed
 from inercal.segments.average import observe
 from inercal.segments.detect import find_marks
-from inercal.segments.dwells import average_dwells, find_dwells, find_stands
+from inercal.segments.dwells import average_dwells, find_dwells
 from inercal.segments.levels import scatter
 from inercal.segments.marks import check_marks, marks_from_labels
 from inercal.segments.passages import between_rests
 from inercal.segments.rests import FoundRests, find_rests
+from inercal.segments.stands import find_stands, left_out
 
 __all__ = [
     "FoundRests",
@@ -23,6 +24,7 @@ __all__ = [
     "find_rests",
     "find_stands",
     "held",
+    "left_out",
     "marks_from_labels",
     "observe",
     "scatter",

@@ -16,7 +16,7 @@ harmonic of the readings themselves keeps the azimuth in step with the arm.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from math import pi
 
@@ -36,10 +36,9 @@ Array = NDArray[np.float64]
 ARM_RATE, PSI, THETA = "arm_rate", "psi", "theta"  # readback, SI
 _STEADY = 2e-3  # of the rate
 _WINDOW = 0.5  # s
-_TURNING = 0.02  # of the fastest rate; slower is at rest
-_SETTLE = 1.0  # s after the rate is reached
-_LEAST_TURNS = 3
-_LEAST_REST = 3.0  # s
+TURNING = 0.02  # of the fastest rate; slower is at rest
+SETTLE = 1.0  # s after the rate is reached
+LEAST_TURNS = 3
 _ALIKE = 0.01  # relative difference of rates that count as one
 _SAME = 5e-4  # rad between the angles read back of one attitude
 
@@ -54,7 +53,9 @@ class Dwell:
     attitude: Attitude | None
 
 
-def find_dwells(recording: Recording) -> tuple[tuple[Dwell, ...], tuple[Finding, ...]]:
+def find_dwells(
+    recording: Recording, turner: str = "arm"
+) -> tuple[tuple[Dwell, ...], tuple[Finding, ...]]:
     """Return the dwells of an arm run, and what was left out of them.
 
     Parameters
@@ -62,18 +63,15 @@ def find_dwells(recording: Recording) -> tuple[tuple[Dwell, ...], tuple[Finding,
     recording : Recording
         With readback "arm_rate", rad/s; labels, where there are any, name positions, and readback
         "psi" and "theta", rad, the attitudes of a two-axis head.
+    turner : str
+        What turns, for messages.
 
     Raises
     ------
     InputError
         No dwell of three turns.
     """
-    rate = recording.readback[ARM_RATE]
-    width = max(round(_WINDOW * recording.rate_hz), 3)
-    smooth: Array = uniform_filter1d(rate, width)
-    spread: Array = maximum_filter1d(smooth, width) - minimum_filter1d(smooth, width)
-    size = np.abs(smooth)
-    steady = (spread <= _STEADY * size) & (size > _TURNING * size.max())
+    smooth, steady = steady_rate(recording)
     cuts = [int(before) + 1 for before in recording.gaps[:, 0]]
     if recording.labels is not None:
         cuts += (np.flatnonzero(recording.labels[1:] != recording.labels[:-1]) + 1).tolist()
@@ -87,65 +85,38 @@ def find_dwells(recording: Recording) -> tuple[tuple[Dwell, ...], tuple[Finding,
             if dwell is None:
                 continue
             inside = smooth[dwell.mark.start : dwell.mark.stop]
-            flaw = _flaw(recording, dwell.mark)
+            flaw = flaw_of(recording, dwell.mark)
             if np.ptp(inside) > _STEADY * abs(dwell.rate):
                 flaw = f"the rate creeps by {1e6 * np.ptp(inside) / abs(dwell.rate):.0f} ppm"
             if flaw is None:
                 dwells.append(dwell)
             else:
                 text = f"dwell {dwell.mark.label} is left out: {flaw}"
-                left_out.append(Finding("warning", "dwell", text))
+                mark = dwell.mark
+                left_out.append(Finding("warning", "dwell", text, None, mark.start, mark.stop))
     if not dwells:
         reasons = f" ({left_out[0].message})" if left_out else ""
+        fastest = float(np.abs(smooth).max()) * 30 / pi
         raise InputError(
-            f"{recording.source or 'recording'}: no dwell: the arm's rate, up to "
-            f"{size.max() * 30 / pi:.4g} rpm, is nowhere steady for {_LEAST_TURNS} turns and "
-            f"{_SETTLE:g} s before{reasons}"
+            f"{recording.source or 'recording'}: no dwell: the {turner}'s rate, up to "
+            f"{fastest:.4g} rpm, is nowhere steady for {LEAST_TURNS} turns and {SETTLE:g} s before"
+            f"{reasons}"
         )
     return tuple(dwells), tuple(left_out)
-
-
-def find_stands(recording: Recording) -> tuple[Mark, ...]:
-    """Return the marks of where a table stands still under one label: "XY at rest".
-
-    Parameters
-    ----------
-    recording : Recording
-        With readback "arm_rate", rad/s, and labels.
-    """
-    rate, labels = np.abs(recording.readback[ARM_RATE]), recording.labels
-    if labels is None:
-        return ()
-    still = rate <= _TURNING * rate.max()
-    edges = np.flatnonzero((labels[1:] != labels[:-1]) | (still[1:] != still[:-1])) + 1
-    settle = round(_SETTLE * recording.rate_hz)
-    least = round(_LEAST_REST * recording.rate_hz)
-    found: list[Mark] = []
-    for start, stop in pairwise([0, *edges.tolist(), labels.size]):
-        first, last = start + settle, stop - settle
-        name = str(labels[start]).strip()
-        if not still[start] or last - first < least or not name:
-            continue
-        mark = Mark(f"{name} at rest", first, last)
-        again = sum(other.label.startswith(mark.label) for other in found)
-        mark = replace(mark, label=f"{mark.label} ({again + 1})") if again else mark
-        if _flaw(recording, mark) is None:
-            found.append(mark)
-    return tuple(found)
 
 
 def _whole_turns(
     recording: Recording, start: int, stop: int, before: Sequence[Dwell]
 ) -> Dwell | None:
     """Return what lies within steady samples in whole turns, once the arm has settled."""
-    start += round(_SETTLE * recording.rate_hz)
+    start += round(SETTLE * recording.rate_hz)
     if stop - start < 2:
         return None
     rate = recording.readback[ARM_RATE][start:stop]
     angle = np.abs(swept(rate, recording.time[start:stop]))
     # The last sample ends its turn one step later.
     turns = int((angle[-1] + angle[1]) / (2 * pi))
-    if turns < _LEAST_TURNS:
+    if turns < LEAST_TURNS:
         return None
     stop = start + _reached(angle, [turns])[0]
     rate = rate[: stop - start]
@@ -176,7 +147,17 @@ def _known(attitude: Attitude, before: Sequence[Dwell]) -> Attitude:
     return attitude
 
 
-def _flaw(recording: Recording, mark: Mark) -> str | None:
+def steady_rate(recording: Recording) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the rate over half a second, (n,) rad/s, and where it turns and keeps steady."""
+    width = max(round(_WINDOW * recording.rate_hz), 3)
+    smooth: Array = uniform_filter1d(recording.readback[ARM_RATE], width)
+    spread: Array = maximum_filter1d(smooth, width) - minimum_filter1d(smooth, width)
+    size = np.abs(smooth)
+    return smooth, (spread <= _STEADY * size) & (size > TURNING * size.max())
+
+
+def flaw_of(recording: Recording, mark: Mark) -> str | None:
+    """Return what the audit says of the samples of a mark, if they saturate or are stuck."""
     for finding in recording.findings:
         if finding.what not in FLAWS or finding.start is None or finding.stop is None:
             continue

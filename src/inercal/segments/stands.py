@@ -1,0 +1,207 @@
+"""States of a rate table's recording beside its dwells: rests, and what is left out of both."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import pairwise
+from math import pi
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.recording import Finding, Mark, Recording
+from inercal.segments.dwells import (
+    ARM_RATE,
+    LEAST_TURNS,
+    SETTLE,
+    TURNING,
+    flaw_of,
+    steady_rate,
+    swept,
+)
+
+_LEAST_REST = 3.0  # s
+
+
+def find_stands(recording: Recording) -> tuple[tuple[Mark, ...], tuple[Finding, ...]]:
+    """Return where a table stands still under one label, "XY at rest", and what was left out.
+
+    Parameters
+    ----------
+    recording : Recording
+        With readback "arm_rate", rad/s, and labels.
+    """
+    still = _still(recording)
+    found: list[Mark] = []
+    left_out: list[Finding] = []
+    for name, start, stop in _labelled(recording):
+        for first, last in _runs(still, start, stop):
+            mark = Mark(f"{name} at rest", *_settled(recording, first, last))
+            if mark.stop - mark.start < round(_LEAST_REST * recording.rate_hz):
+                continue
+            again = sum(other.label.startswith(mark.label) for other in found)
+            mark = replace(mark, label=f"{mark.label} ({again + 1})") if again else mark
+            if (flaw := flaw_of(recording, mark)) is None:
+                found.append(mark)
+                continue
+            text = f"{mark.label} is left out: {flaw}"
+            left_out.append(Finding("warning", "dwell", text, None, mark.start, mark.stop))
+    return tuple(found), tuple(left_out)
+
+
+def left_out(
+    recording: Recording, marks: Sequence[Mark], findings: Sequence[Finding]
+) -> tuple[Finding, ...]:
+    """Return what a recording holds of states that are none, each with its reason.
+
+    These are steady rates without whole turns enough under a label, rests that are too short,
+    labels without any state, and what comes where the recording breaks off amid the turning.
+
+    Parameters
+    ----------
+    recording : Recording
+        With readback "arm_rate", rad/s, and labels.
+    marks : sequence of Mark
+        Of its states.
+    findings : sequence of Finding
+        Of states that were left out for another reason, with their samples.
+    """
+    used = [(mark.start, mark.stop) for mark in marks]
+    used += [(f.start, f.stop) for f in findings if f.start is not None and f.stop is not None]
+    sections = list(_labelled(recording))
+    known = {name for name, start, stop in sections if any(start <= k < stop for k, _ in used)}
+    smooth, steady = steady_rate(recording)
+    still = _still(recording)
+    lost: list[_Lost] = []
+    for name, start, stop in sections:
+        here = [(first, last) for first, last in used if start <= first < stop]
+        short = [
+            one
+            for run in _runs(steady, start, stop)
+            if not any(first < run[1] and last > run[0] for first, last in here)
+            and (one := _short_dwell(recording, f"{name} at {_rpm(smooth, *run)} rpm", *run))
+        ]
+        rests = _runs(still, start, stop)
+        if not any(still[first] for first, _ in here):
+            short += _short_rest(recording, name, rests, bool(short) or name in known)
+        if not short and name not in known:
+            short = [_Lost(name, "nowhere steady or at rest")]
+        lost += short
+    kinds = dict.fromkeys(one.kind for one in lost)
+    said = [_said([one for one in lost if one.kind == kind]) for kind in kinds]
+    said += _cut_off(recording)
+    return tuple(Finding("warning", "states", text) for text in said)
+
+
+class _Lost(NamedTuple):
+    """A state that is none: why, and how much there is of what is needed."""
+
+    label: str
+    kind: str
+    size: float = np.nan
+    unit: str = ""
+    needed: str = ""
+
+
+def _said(lost: Sequence[_Lost]) -> str:
+    names = ", ".join(one.label for one in lost)
+    count = f"{len(lost)} state{'s' * (len(lost) > 1)} left out: {names}"
+    _, kind, _, unit, needed = lost[0]
+    if not unit:
+        return f"{count} ({kind})"
+    # Rounded down: 2.96 turns are not 3.
+    low, high = (
+        f"{int(10 * size) / 10:.1f}"
+        for size in (min(one.size for one in lost), max(one.size for one in lost))
+    )
+    size = low if low == high else f"{low} to {high}"
+    return f"{count} ({size} {unit}{kind}; {needed} are needed)"
+
+
+def _short_dwell(recording: Recording, label: str, start: int, stop: int) -> _Lost | None:
+    """Return a steady rate that makes no state; None of a moment."""
+    if recording.span(start, stop) < SETTLE:
+        return None
+    cuts = [int(after) for after in recording.gaps[:, 1] if start < after < stop]
+    rate = recording.readback[ARM_RATE]
+    turns = 0.0
+    for first, last in pairwise([start, *cuts, stop]):
+        first += round(SETTLE * recording.rate_hz)
+        if last - first > 1:
+            angle = swept(rate[first:last], recording.time[first:last])
+            turns = max(turns, abs(float(angle[-1])) / (2 * pi))
+    return _Lost(label, _beside(recording, start, stop), turns, "turns", f"{LEAST_TURNS}")
+
+
+def _short_rest(
+    recording: Recording, name: str, runs: Sequence[tuple[int, int]], others: bool
+) -> list[_Lost]:
+    """Return the longest of the rests under a label, where it was to be a state.
+
+    Between other states a table stands still for a moment without being meant to.
+    """
+    longest = max(runs, key=lambda run: run[1] - run[0], default=(0, 0))
+    if (longest[1] - longest[0]) / recording.rate_hz < (_LEAST_REST if others else SETTLE):
+        return []
+    first, last = _settled(recording, *longest)
+    seconds = max((last - first) / recording.rate_hz, 0.0)
+    kind = f" settled{_beside(recording, *longest)}"
+    return [_Lost(f"{name} at rest", kind, seconds, "s", f"{_LEAST_REST:g}")]
+
+
+def _beside(recording: Recording, start: int, stop: int) -> str:
+    """Say what cut a state short, if it was not its own end."""
+    if any(start <= after <= stop for after in recording.gaps[:, 1].tolist()):
+        return " beside a gap"
+    return " to the recording's end" if stop == recording.time.size else ""
+
+
+def _cut_off(recording: Recording) -> list[str]:
+    """Say where a table that turned is lost from sight: what came then is unknown."""
+    labels, rate = recording.labels, recording.readback[ARM_RATE]
+    assert labels is not None
+    turning = ~_still(recording)
+    said: list[str] = []
+    for before, after in recording.gaps.tolist():
+        same = labels[before] == labels[after] and np.isclose(rate[before], rate[after], rtol=0.01)
+        if (turning[before] or turning[after]) and not same:
+            lost = recording.time[after] - recording.time[before]
+            side = f"{labels[before]} when" if turning[before] else f"{labels[after]} after"
+            said.append(
+                f"the table turns under {side} {lost:.4g} s are lost ({recording.where(before)}): "
+                "so may be states"
+            )
+    if turning[-1]:
+        said.append(f"the recording ends while the table turns under {labels[-1]}")
+    return said
+
+
+def _still(recording: Recording) -> NDArray[np.bool_]:
+    rate = np.abs(recording.readback[ARM_RATE])
+    return rate <= TURNING * rate.max()
+
+
+def _settled(recording: Recording, start: int, stop: int) -> tuple[int, int]:
+    settle = round(SETTLE * recording.rate_hz)
+    return start + settle, stop - settle
+
+
+def _labelled(recording: Recording) -> Iterator[tuple[str, int, int]]:
+    """Yield the sections of one label each: its name, the first sample, the one after the last."""
+    labels = recording.labels
+    if labels is None:
+        return
+    edges = (np.flatnonzero(labels[1:] != labels[:-1]) + 1).tolist()
+    for start, stop in pairwise([0, *edges, labels.size]):
+        if name := str(labels[start]).strip():
+            yield name, start, stop
+
+
+def _runs(held: NDArray[np.bool_], start: int, stop: int) -> list[tuple[int, int]]:
+    """Return the stretches of samples start to stop along which `held` is true."""
+    edges = np.flatnonzero(np.diff(held[start:stop].astype(np.int8), prepend=0, append=0))
+    return [(first, last) for first, last in (edges.reshape(-1, 2) + start).tolist()]
+
+
+def _rpm(smooth: NDArray[np.float64], start: int, stop: int) -> str:
+    return f"{abs(float(smooth[start:stop].mean())) * 30 / pi:.4g}"
