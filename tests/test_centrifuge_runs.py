@@ -264,7 +264,7 @@ def test_a_mistake_is_one_line(tmp_path: Path, changes: list[tuple[str, str]], w
     [
         ("99,10,20,0,0.1,0.1,0.1", ["'rpm' is 0", "line"]),
         ("99,10,20,nan,0.1,0.1,0.1", ["line"]),
-        ("99,10,20,40,nan,0.1,0.1", ["'ax' is not finite", "line"]),
+        ("99,10,20,40,nan,0.1,0.1", ["'ax' is empty or not finite", "line"]),
         ("1,10,20,40,0.1,0.1", ["line"]),
     ],
 )

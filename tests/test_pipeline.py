@@ -237,7 +237,7 @@ def test_means_typed_by_hand_are_calibrated_without_a_recording(tmp_path: Path):
         ("y_a,0.0330", "y_p,0.0330", "position 'y_p' comes in several rows"),
         ("y_a,0.0330", "Y_A,0.0330", "no step 'Y_A' in the plan; it has x_p, x_a"),
         ("acc_z\n", "az\n", "'acc_z'"),
-        ("-1.0000", "nan", "log.csv line 7: column 'acc_z' is not finite"),
+        ("-1.0000", "nan", "log.csv line 7: column 'acc_z' is empty or not finite"),
         ("-1.0000", "low", "'acc_z'"),
     ],
 )

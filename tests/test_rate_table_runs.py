@@ -103,7 +103,7 @@ def refused(path: Path, words: str, kind: type[InercalError] = InputError) -> No
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ('arm_rate = "rpm"', 'arm_rate = "rpm"\narm_rate_unit = "rad/s"', "readings' norm is"),
+        ('arm_rate = "rpm"', 'arm_rate = "rpm"\narm_rate_unit = "rad/s"', "the rates are in rpm, not in rad/s"),
         ('["ax", "ay", "az"]', '["ay", "ax", "az"]', "as x, y, z = ax, ay, az, not as ay, ax, az"),
         ('"250 mm ± 0.3 mm"', '"0 mm"', r"radius: '0 mm' must be positive"),
         ('"250 mm ± 0.3 mm"', '"25 mm"', "look at arm_rate_unit, \\[bench\\] radius and the scale"),
@@ -178,6 +178,67 @@ GEOMETRY |= {
     for plane, (r, n) in list(GEOMETRY.items())
     for tilt in (30, 60, 135)
 }
+
+
+def misnamed(old: str, new: str) -> Callable[[Rows], Rows]:
+    """Return what gives the first row of a mounting at 86 r/min another one's name."""
+
+    def changed(rows: Rows) -> Rows:
+        k = next(k for k, row in enumerate(rows) if row[:2] == [old, "86"])
+        return [*rows[:k], [new, *rows[k][1:]], *rows[k + 1 :]]
+
+    return changed
+
+
+@pytest.mark.parametrize(
+    ("new", "words"),
+    [
+        ("XY 60", "(largest: XY60 at 86 rpm az, "),
+        ("XY -30", "standard deviations; pose_y of XY-30 is 280 standard deviations from what"),
+    ],
+)
+def test_a_wrong_mounting_is_named_in_the_verdict(tmp_path: Path, new: str, words: str):
+    verdict = calibrate(written(tmp_path, rows=misnamed("XY 30", new))).verdict
+    assert "look for the state or mounting that sticks out" in verdict[0]
+    assert words in verdict[0]
+
+
+def test_a_tilt_of_more_than_a_turn_is_refused(tmp_path: Path):
+    path = written(tmp_path, rows=misnamed("XY 30", "XY 400"))
+    refused(path, "is 'XY 400': a tilt of 400° is more than a whole turn")
+
+
+def test_a_row_that_is_a_copy_is_told(tmp_path: Path):
+    outcome = calibrate(written(tmp_path, rows=lambda rows: [*rows, rows[3]]))
+    words = f"lines 5 and {2 + len(outcome.steps) - 1} of ship.csv are the same to the last digit"
+    assert any(line.startswith(words) for line in outcome.verdict)
+
+
+def test_a_unit_that_the_rates_are_not_in_is_told_by_the_norms(tmp_path: Path):
+    path = written(tmp_path, ('arm_rate = "rpm"', 'arm_rate = "rpm"\narm_rate_unit = "rad/s"'))
+    refused(path, 'the rates are in rpm, not in rad/s; state arm_rate_unit = "rpm"')
+
+
+@pytest.mark.parametrize(
+    ("cell", "words"),
+    [("", "'rpm' is empty or not finite; give the rate, 0 at rest,"), ("inf", "'rpm' is empty or")],
+)
+def test_a_cell_without_a_number_has_its_line(tmp_path: Path, cell: str, words: str):
+    def without(rows: Rows) -> Rows:
+        return [[*rows[0][:1], cell, *rows[0][2:]], *rows[1:]]
+
+    refused(written(tmp_path, rows=without), f"ship.csv line 2: column {words}")
+
+
+@pytest.mark.parametrize("frame", ["mount", "symmetric"])
+def test_damping_names_what_tilts_of_one_kind_do_not_show(tmp_path: Path, frame: str):
+    named = ('name = "model 12, midships"', f'name = "model 12"\nframe = "{frame}"')
+    damped = ('name = "ship_multi_angle"', 'name = "ship_multi_angle"\nestimator = "damped"')
+    path = written(
+        tmp_path, named, damped, rows=lambda rows: [row for row in rows if "+" not in row[0]]
+    )
+    words = "do not show the plan's own Exy . Eyx: .* add tilts of a second kind, as XY 135 \\+ 45"
+    refused(path, words, NotObserved)
 
 
 def recording(folder: Path, seed: int, seconds: float = 20.0) -> Path:

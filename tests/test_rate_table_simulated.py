@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from inercal.benches import RateTable
+from inercal.errors import InputError
 from inercal.io.write import write_recording
 from inercal.pipeline import calibrate, named_as_in, simulate
 from inercal.pipeline.on_table import states_of
@@ -131,3 +132,12 @@ def test_states_that_are_too_short_are_named_in_the_verdict(tmp_path: Path):
     assert finding.message.startswith("9 states left out: XY at 46 rpm, YX at 46 rpm, ")
     assert finding.message.endswith("; 3 are needed)")
     assert finding.message in outcome.verdict
+
+
+def test_rates_of_a_recording_in_another_unit_are_told_by_the_norms(tmp_path: Path):
+    run = run_of(tmp_path, ('seconds = "15 s"', 'seconds = "5 s"'))
+    made = named_as_in(run, simulate(run))
+    turned = {name: rate * np.pi / 30 for name, rate in made.readback.items()}
+    write_recording(replace(made, readback=turned), run.file(run.data.file))
+    with pytest.raises(InputError, match="rates are in rad/s, not in rpm; state arm_rate_unit = "):
+        calibrate(run)

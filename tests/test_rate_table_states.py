@@ -92,7 +92,11 @@ def test_states_are_not_written_over_their_recording(tmp_path: Path):
     ("column", "cell", "words"),
     [
         ("ay_sd", "0", "line 3: column 'ay_sd' is 0; a standard deviation is positive"),
-        ("ay_sd", "nan", "line 3: column 'ay_sd' is not finite; give the deviation of the mean"),
+        (
+            "ay_sd",
+            "nan",
+            "line 3: column 'ay_sd' is empty or not finite; give the deviation of the mean",
+        ),
         (None, "", r"\[data.sd\] accelerometer is missing: .* in columns, 'ax_sd' and alike"),
     ],
 )

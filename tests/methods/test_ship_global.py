@@ -117,6 +117,19 @@ def test_the_estimate_warns_and_is_as_uncertain_as_the_bounds():
     assert off(replace(estimate, value=estimate.value[None]), given)[0] > 20
 
 
+def test_coefficients_that_polishing_takes_beyond_the_bounds_are_named():
+    given = one()
+    narrow = Options(Bounds(scale=1e-3, cross=0.5, bias=0.5), seed=1)
+    estimate = global_(given.seen, SENSOR, given.bench, given.steps, options=narrow)
+    last = estimate.notes[-1]
+    print(last)
+    assert last.startswith("warning: beyond the bounds of the search: S")
+    assert "(±0.1 %)" in last
+    assert "Axp" not in last
+    wide = global_(given.seen, SENSOR, given.bench, given.steps, options=Options(seed=1))
+    assert not any("beyond the bounds" in note for note in wide.notes)
+
+
 def test_a_table_at_a_time_without_priors():
     many = case(1, 2)
     with pytest.raises(InputError, match="one table at a time"):

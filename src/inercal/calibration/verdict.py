@@ -1,18 +1,28 @@
 """What the result says and what it does not know, in plain words, computed from the numbers."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+
+import numpy as np
 
 from inercal.estimate import Estimate
+from inercal.parameters import Parameter
 from inercal.recording import Finding
 from inercal.sensors import Sensor
 from inercal.units import digits
 
 _LEAST = 1e-99  # probability that is still told
+NOTHING: Mapping[str, Parameter] = MappingProxyType({})
 COVERAGE = 2.0  # U = k u; about 95 % for the degrees of freedom met here
 
 
 def verdict(
-    estimate: Estimate, sensor: Sensor, findings: Sequence[Finding], estimator: str
+    estimate: Estimate,
+    sensor: Sensor,
+    findings: Sequence[Finding],
+    estimator: str,
+    expected: Mapping[str, Parameter] = NOTHING,
+    sought: str = "position or turn",
 ) -> tuple[str, ...]:
     """Return lines; the first is the summary.
 
@@ -23,6 +33,10 @@ def verdict(
     sensor : Sensor
     findings : sequence of Finding
     estimator : str
+    expected : mapping of str to Parameter, optional
+        The bench's parameters by full name, as they were stated.
+    sought : str
+        What may stick out where the data do not agree.
     """
     p = len(sensor.coefficients)
     lines: list[str] = []
@@ -43,8 +57,8 @@ def verdict(
             f"{p} coefficients found, but the residuals are larger than noise and bench allow "
             f"(χ² = {estimate.chi2:.1f} with {estimate.dof} degrees of freedom, "
             f"p {_chance(float(estimate.p_value))}): all uncertainties are scaled by "
-            f"{float(estimate.birge):.2f}; look for the position or turn that sticks out among the "
-            "residuals and the bench's errors"
+            f"{float(estimate.birge):.2f}; look for the {sought} that sticks out among the "
+            f"residuals and the bench's errors{_largest(estimate, expected)}"
         )
     if estimate.dof or estimate.groups:
         lines += _leading(estimate, sensor)
@@ -57,6 +71,28 @@ def verdict(
     lines += estimate.notes
     lines += [f.message for f in findings if f.severity == "warning"]
     return tuple(lines)
+
+
+def _largest(estimate: Estimate, expected: Mapping[str, Parameter]) -> str:
+    """Name the largest residual, and what of the bench is farthest from what was stated."""
+    told: list[str] = []
+    if estimate.observations:
+        worst = int(np.argmax(np.abs(estimate.whitened)))
+        part, _, row = estimate.observations[worst].rstrip("]").partition("[")
+        size = digits(0.0, abs(float(estimate.whitened[worst])))[1]
+        told.append(f"{f'{row} {part}'.strip()}, {size} standard deviations")
+    pulls = {
+        name: abs(float(value - expected[name].value)) / expected[name].sd
+        for name, value in zip(estimate.names, estimate.value, strict=True)
+        if name in expected and expected[name].sd > 0
+    }
+    if pulls:
+        name = max(pulls, key=lambda one: pulls[one])
+        short, _, place = name.rstrip("]").partition("[")
+        named = f"{short} of {place}" if place else short
+        size = digits(0.0, pulls[name])[1]
+        told.append(f"{named} is {size} standard deviations from what was stated")
+    return f" (largest: {'; '.join(told)})" if told else ""
 
 
 def _by_group(estimate: Estimate, count: int) -> list[str]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from inercal.errors import InputError
 from inercal.io.atomic import atomic_write
 from inercal.io.read import Columns, read_table
-from inercal.io.table import Table
+from inercal.io.table import Table, shortened
 from inercal.recording import Observations
 from inercal.sensors import Sensor
 
@@ -113,7 +113,7 @@ def means_of(
     by_axis = {axis: name for axis, name, _ in columns.channels}
     output = np.empty((len(labels), len(sensor.axes)))
     for k, axis in enumerate(sensor.axes):
-        output[:, k] = _finite(path, table, by_axis[axis.name], "give the mean")
+        output[:, k] = numbers_of(path, table, by_axis[axis.name], "give the mean")
     if not (np.isfinite(durations) & (durations > 0)).all():
         raise InputError(f"{path}: durations must be positive numbers of s")
     deviation = _deviations(path, table, by_axis, sensor, sd)
@@ -128,18 +128,41 @@ def means_of(
     )
 
 
-def _finite(path: Path, table: Table, name: str, remedy: str) -> Array:
-    """Return a column of numbers, or refuse one that holds others."""
+def numbers_of(path: Path, table: Table, name: str, remedy: str) -> Array:
+    """Return a column of numbers, (r,).
+
+    Parameters
+    ----------
+    path : Path
+        For messages.
+    table : Table
+    name : str
+    remedy : str
+        What to do where a cell holds none.
+
+    Raises
+    ------
+    InputError
+        A cell that holds none, with its line.
+    """
     column = table.columns[name]
-    if column.dtype.kind != "f":
-        raise InputError(f"{path}: column {name!r} holds words, not numbers")
-    bad = np.flatnonzero(~np.isfinite(column))
-    if bad.size:
-        raise InputError(
-            f"{path} line {table.first_line + bad[0]}: column {name!r} is not finite; {remedy} or "
-            "take the row out"
-        )
+    cells: list[object] = column.tolist()
+    for k, cell in enumerate(cells):
+        if isinstance(cell, float) and np.isfinite(cell):
+            continue
+        where = f"{path} line {table.first_line + k}: column {name!r}"
+        if isinstance(cell, str) and cell.strip() and not _is_number(cell):
+            raise InputError(f"{where}: {shortened(cell)!r} is not a number")
+        if not isinstance(cell, str) or not _is_number(cell):
+            raise InputError(f"{where} is empty or not finite; {remedy} or take the row out")
     return table.numbers(name)
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        return bool(np.isfinite(float(cell)))
+    except ValueError:
+        return False
 
 
 def _deviations(
@@ -163,7 +186,7 @@ def _deviations(
                 f"{path}: [data.sd] {kind} is missing: state the sd of a mean, with unit, or give "
                 f"that of each row in columns, {name!r} and alike"
             )
-        own = _finite(path, table, name, "give the deviation of the mean")
+        own = numbers_of(path, table, name, "give the deviation of the mean")
         if (bad := np.flatnonzero(own <= 0)).size:
             raise InputError(
                 f"{path} line {table.first_line + bad[0]}: column {name!r} is {own[bad[0]]:g}; "

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from inercal.estimate import Estimate
 from inercal.motion import Motion
 from inercal.sensors import G0, Sensor
+from inercal.units import digits
 
 Array = NDArray[np.float64]
 _POSES = 300
@@ -58,6 +59,6 @@ def note(sensor: Sensor, estimate: Estimate, fastest: float, radius: float, g: f
     frame = "" if sensor.frame == "mount" else f", in the {sensor.frame} frame,"
     return (
         f"on fresh poses, in any attitude at up to {fastest * 30 / pi:.3g} r/min, the corrected "
-        f"vector{frame} is off by {error:.2g} mg (rms, k = 1); each residual in the sample is "
-        f"{inside:.2g} mg rms"
+        f"vector{frame} is off by {digits(0.0, error)[1]} mg (rms, k = 1); each residual in the "
+        f"sample is {digits(0.0, inside)[1]} mg rms"
     )

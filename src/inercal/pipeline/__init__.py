@@ -23,9 +23,10 @@ from inercal.methods.multi_position.timing import delay
 from inercal.methods.ship_multi_angle.evolution import Generation, History
 from inercal.parameters import Parameter
 from inercal.pipeline import by_hand, on_arm, on_head, on_table
+from inercal.pipeline.bench_errors import stated
 from inercal.pipeline.inputs import Gathered, gyro_file, load_recording
 from inercal.pipeline.simulation import named_as_in, read_out, simulate
-from inercal.plan import Hold, Index, Spin, Step, Turn
+from inercal.plan import Step
 from inercal.recording import Finding, Mark, Observations, Recording
 from inercal.runfile import Run, read
 from inercal.segments import FoundRests
@@ -74,18 +75,7 @@ class Outcome:
     @cached_property
     def expected(self) -> Mapping[str, Parameter]:
         """The bench's parameters that act on these steps, by full name, as they were stated."""
-        bench, steps = self.bench, self.steps
-        if isinstance(bench, Hand):
-            rates = any(axis.measures == "w" for axis in self.calibration.sensor.axes)
-            done = [step for step in steps if isinstance(step, Hold | Turn)]
-            return bench.nuisances(done, rates=rates)
-        if isinstance(bench, Centrifuge):
-            spins = [step for step in steps if isinstance(step, Spin)]
-            return bench.nuisances(spins, vectors=bench.indexing is not None)
-        if isinstance(bench, DividingHead):
-            indexed = [step for step in steps if isinstance(step, Index)]
-            return bench.nuisances(indexed, self.calibration.sensor.channels)
-        return bench.nuisances([step for step in steps if isinstance(step, Spin)])
+        return stated(self.bench, self.steps, self.calibration.sensor)
 
 
 def calibrate(
@@ -126,7 +116,8 @@ def calibrate(
     if not np.all(estimate.converged):
         told = "".join(f"; {finding.message}" for finding in findings if finding.what == "norm")
         raise InputError(
-            f"{run.path}: the fit did not converge; look at the marks and the plan{told}"
+            f"{run.path}: the fit did not converge; look at the "
+            f"{'rows' if gathered.recording is None else 'marks'} and the plan{told}"
         )
     if not np.isfinite(estimate.covariance).all():
         raise InputError(
@@ -145,7 +136,8 @@ def calibrate(
             estimate, notes=(on_table.beside(sensor, estimate, bench, gathered), *estimate.notes)
         )
     p = len(sensor.coefficients)
-    lines = verdict(estimate, sensor, findings, run.estimator)
+    expected = stated(bench, gathered.steps, sensor)
+    lines = verdict(estimate, sensor, findings, run.estimator, expected, _sought(bench))
     calibration = Calibration(
         sensor,
         estimate.value[:p],
@@ -170,6 +162,10 @@ def calibrate(
         gathered.rests,
         run.search and History(run.search.goal, tuple(generations)),
     )
+
+
+def _sought(bench: Bench) -> str:
+    return "state or mounting" if isinstance(bench, RateTable) else "position or turn"
 
 
 def _search(run: Run) -> dict[str, str]:

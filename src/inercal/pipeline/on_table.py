@@ -4,8 +4,8 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import permutations, product
 from math import pi, radians
+from pathlib import Path
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from inercal.benches import RateTable
 from inercal.benches.mountings import PLANES, Plane, mounting
-from inercal.benches.rate_table import felt, mountings, speeds
+from inercal.benches.rate_table import mountings, speeds
 from inercal.errors import InputError
 from inercal.estimate import Estimate
-from inercal.io.means import means_of, read_columns
+from inercal.io.means import means_of, numbers_of, read_columns
+from inercal.io.table import Table
 from inercal.methods import fresh
 from inercal.pipeline.inputs import (
     Gathered,
@@ -27,6 +28,7 @@ from inercal.pipeline.inputs import (
     readback_units,
     stated_sd,
 )
+from inercal.pipeline.table_checks import require_axes, require_rates, require_unit
 from inercal.plan import Attitude, Spin
 from inercal.recording import Finding, Mark, Observations, Recording, joined
 from inercal.runfile import Run
@@ -38,14 +40,7 @@ from inercal.units import readable
 Array = NDArray[np.float64]
 _ANGLE = r"(-?\d+(?:\.\d+)?)\s*°?"
 _NAME = re.compile(rf"({'|'.join(PLANES)})(?:[ _]*{_ANGLE}(?:\s*\+\s*{_ANGLE})?)?")
-_OFF = 0.2  # of a norm: no scale factor, bias or cross-axis term of a usable sensor makes it so
-_RATES = {  # what a rate would be times its stated unit, if it is in another one
-    "rad/s": 30 / pi,
-    "rpm": pi / 30,
-    "rev/s": 60.0,
-    "°/s": 1 / 6,
-}
-_FEWEST = 4  # states that tell which axis is which
+_MOST_TILT = 360.0  # °
 
 
 def gather(run: Run, bench: RateTable) -> Gathered:
@@ -59,8 +54,8 @@ def gather(run: Run, bench: RateTable) -> Gathered:
     if run.data.seconds is not None:
         raise InputError(f"{run.path}: [data] seconds: states are means; leave it out")
     made = _table(run) if run.data.kind == "means" else states_of(run, load_recording(run))
-    _require_rates(run, made.observations, bench, made.steps)
-    _require_axes(run, made.observations, bench, made.steps)
+    require_rates(run, made.observations, bench, made.steps)
+    require_axes(run, made.observations, bench, made.steps)
     return Gathered(
         made.recording,
         made.marks,
@@ -88,13 +83,8 @@ def _table(run: Run) -> States:
     path = run.file(run.data.file)
     where = str(run.data.mounting)
     table = read_columns(path, wanted, [where, named["arm_rate"]])
-    rates = table.numbers(named["arm_rate"]) * units["arm_rate"]
-    bad = np.flatnonzero(~np.isfinite(rates))
-    if bad.size:
-        raise InputError(
-            f"{path} line {table.first_line + bad[0]}: column {named['arm_rate']!r} holds no "
-            "number; give the rate, 0 at rest, or take the row out"
-        )
+    rates = numbers_of(path, table, named["arm_rate"], "give the rate, 0 at rest,")
+    rates = rates * units["arm_rate"]
     poses = [
         _pose(plain(text), f"{path} line {table.first_line + k}: column {where!r}")
         for k, text in enumerate(table.columns[where].tolist())
@@ -106,7 +96,20 @@ def _table(run: Run) -> States:
         Spin(label, rate, 0.0, pose)
         for label, rate, pose in zip(labels, rates.tolist(), poses, strict=True)
     )
-    return States(observations, steps)
+    used = [where, named["arm_rate"], *(name for _, name, _ in wanted.channels)]
+    return States(observations, steps, findings=_twice(path, table, used))
+
+
+def _twice(path: Path, table: Table, used: Sequence[str]) -> tuple[Finding, ...]:
+    """Warn of rows that are another one's copy: each would count as a state of its own."""
+    first: dict[tuple[object, ...], int] = {}
+    found: list[Finding] = []
+    for k, row in enumerate(zip(*(table.columns[name].tolist() for name in used), strict=True)):
+        if (same := first.setdefault(row, k)) != k:
+            lines = f"lines {table.first_line + same} and {table.first_line + k}"
+            text = f"{lines} of {path.name} are the same to the last digit: is one a copy?"
+            found.append(Finding("warning", "repeated", text))
+    return tuple(found)
 
 
 def states_of(run: Run, recording: Recording) -> States:
@@ -125,6 +128,8 @@ def states_of(run: Run, recording: Recording) -> States:
     """
     size = readback_units(run)["arm_rate"]
     recording = replace(recording, readback={ARM_RATE: recording.readback[ARM_RATE] * size})
+    assert isinstance(run.bench, RateTable)
+    require_unit(run, recording, run.bench)
     dwells, flawed = find_dwells(recording, "table")
     turning, spun = average_dwells(recording, run.sensor, dwells)
     rests, also = find_stands(recording)
@@ -152,6 +157,9 @@ def _pose(text: str, where: str) -> Attitude:
             'tilted, "XY 30", and a second one where there are two, "XY 135 + 45"'
         )
     plane, first, second = found.groups()
+    far = [tilt for tilt in (first, second) if tilt is not None and abs(float(tilt)) > _MOST_TILT]
+    if far:
+        raise InputError(f"{where} is {text!r}: a tilt of {far[0]}° is more than a whole turn")
     return mounting(
         cast("Plane", plane),
         radians(float(first or 0)),
@@ -167,65 +175,6 @@ def _labels(poses: Sequence[Attitude], rates: Array) -> tuple[str, ...]:
         count[name] += 1
         found.append(name if count[name] == 1 else f"{name} ({count[name]})")
     return tuple(found)
-
-
-def _made(bench: RateTable, steps: Sequence[Spin], times: float = 1.0) -> Array:
-    """Return what is felt nominally, (r, 3) m/s², at rates `times` as large."""
-    return felt(bench, [replace(step, rate=step.rate * times) for step in steps], {}).f
-
-
-def _require_rates(
-    run: Run, observations: Observations, bench: RateTable, steps: Sequence[Spin]
-) -> None:
-    """Refuse rates in another unit than stated: the norms of the readings tell."""
-    turning = np.array([step.rate != 0 for step in steps])
-    if not turning.any():
-        return
-    read = np.linalg.norm(observations.mean, axis=-1)
-
-    def off(times: float) -> float:
-        made = np.linalg.norm(_made(bench, steps, times), axis=-1)
-        return float(np.max(np.abs(read / made - 1)[turning]))
-
-    if off(1.0) <= _OFF:
-        return
-    given = run.data.arm_rate_unit
-    fitting = [unit for unit, times in _RATES.items() if off(times) < _OFF / 2 and unit != given]
-    if fitting and given == "rpm":
-        raise InputError(
-            f"{run.path}: [data] arm_rate_unit: by the norms of the readings the rates are in "
-            f'{fitting[0]}, not in rpm; state arm_rate_unit = "{fitting[0]}"'
-        )
-    made = np.linalg.norm(_made(bench, steps), axis=-1)
-    worst = int(np.argmax(np.abs(read / made - 1) * turning))
-    raise InputError(
-        f"{run.path}: {steps[worst].label}: the readings' norm is {read[worst]:.4g} m/s² where "
-        f"radius and rate make {made[worst]:.4g}; look at arm_rate_unit, [bench] radius and the "
-        "scale in [sensor.accelerometer]"
-    )
-
-
-def _require_axes(
-    run: Run, observations: Observations, bench: RateTable, steps: Sequence[Spin]
-) -> None:
-    """Refuse columns that are exchanged or reversed: they fit far better otherwise."""
-    if len(steps) < _FEWEST:
-        return
-    made, read = _made(bench, steps), observations.mean
-    fits = {
-        (order, signs): float(np.sum((read[:, order] * np.array(signs) - made) ** 2))
-        for order in permutations(range(3))
-        for signs in product((1, -1), repeat=3)
-    }
-    straight, best = fits[(0, 1, 2), (1, 1, 1)], min(fits, key=lambda key: fits[key])
-    if fits[best] < straight / 10 and best != ((0, 1, 2), (1, 1, 1)):
-        given = run.data.accelerometer
-        order = ", ".join(f"{'−' * (s < 0)}{given[k]}" for k, s in zip(*best, strict=True))
-        raise InputError(
-            f"{run.path}: [data] accelerometer: the readings fit the mountings as x, y, z = "
-            f"{order}, not as {', '.join(map(str, given))}: look at the columns' order and at how "
-            "the sensor was mounted"
-        )
 
 
 def beside(sensor: Sensor, estimate: Estimate, bench: RateTable, gathered: Gathered) -> str:

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from inercal.benches.rate_table import RateTable
 from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian, NullDirection
-from inercal.methods.affine import Affine
+from inercal.methods.affine import IDEAL, NAMES, Affine
 from inercal.methods.ship_multi_angle import gauge, norms
 from inercal.methods.ship_multi_angle.evolution import Found, Generation, Options, search
 from inercal.methods.ship_multi_angle.freedom import Free, free, seen, turns_left
-from inercal.methods.ship_multi_angle.starts import start_of
+from inercal.methods.ship_multi_angle.starts import require_settled, start_of
 from inercal.methods.ship_multi_angle.states import columns, of_norms, tilted_rows
 from inercal.methods.ship_planar import of_rows, unjudged
 from inercal.plan import Spin
@@ -27,6 +27,8 @@ from inercal.sensors import Sensor
 
 Array = NDArray[np.float64]
 SEARCH = Options()
+_BIASES = 9  # of θ, before the biases
+_AT = 1e-6  # of a bound: rounding
 
 
 def damped(
@@ -55,12 +57,15 @@ def damped(
         Another sensor, steps that are not those of the rows, priors beside untilted states or a
         stated frame.
     NotObserved
-        Fewer than twelve tilted states, or nothing that tells what norms leave free.
+        Fewer than twelve tilted states, nothing that tells what norms leave free, or no solution,
+        where the tilts are blind to more.
     """
     groups = tilted_rows("damped", observations, sensor, steps)
     a, square = of_norms(observations, bench, steps, groups)
     start = start_of(observations, sensor, bench, steps, priors, groups)
-    done = _framed(sensor, norms.damped(a, square, start.model))
+    done = norms.damped(a, square, start.model)
+    require_settled(done.converged, sensor, bench, steps, groups)
+    done = _framed(sensor, done)
     told = seen(done.model, a)
     spread = of_rows(observations, bench, steps, done.model.matrix)
     whole = np.zeros((*told.gain.shape[:-1], 3 * len(steps)))
@@ -132,17 +137,37 @@ def global_(
         told.gain @ spread @ told.gain.T + even,
         ("chance", "an even distribution over the bounds"),
     )
-    return replace(estimate, notes=(_went(found, options), *estimate.notes))
+    beyond = _beyond(done.model, options)
+    return replace(estimate, notes=(_went(found, options), *estimate.notes, *beyond))
 
 
 def _went(found: Found, options: Options) -> str:
     """Say how the search went."""
     met = "is not met" if found.goal is None else f"is met at generation {found.goal}"
     ended = "" if found.in_time else f"; it was ended after {found.seconds:.3g} s"
+    goal, worst = (f"{100 * share:.3g} %" for share in (options.goal, found.worst))
     return (
-        f"the goal of {100 * options.goal:.3g} % {met}, and says nothing of the coefficients; "
-        f"after {len(found.history)} generations of seed {options.seed} and polishing the largest "
-        f"error of a norm is {found.worst:.2g}, the sum of squares {found.cost:.4g} g⁴{ended}"
+        f"the goal of {goal} {met}, and says nothing of the coefficients; after "
+        f"{len(found.history)} generations of seed {options.seed} and polishing the largest error "
+        f"of a norm is {worst}, the sum of squares {found.cost:.4g} g⁴{ended}"
+    )
+
+
+def _beyond(model: Affine, options: Options) -> tuple[str, ...]:
+    """Name what polishing, or the stated frame, took beyond the bounds of the search."""
+    off = model.theta - IDEAL
+    past = np.flatnonzero(np.abs(off) > options.bounds.half * (1 + _AT)).tolist()
+    if not past:
+        return ()
+    told = ", ".join(
+        f"{NAMES[k]} {1e3 * off[k]:+.4g} mg (±{1e3 * options.bounds.half[k]:.4g} mg)"
+        if k >= _BIASES
+        else f"{NAMES[k]} {100 * off[k]:+.3g} % (±{100 * options.bounds.half[k]:.3g} %)"
+        for k in past
+    )
+    return (
+        f"warning: beyond the bounds of the search: {told}; bounds hold the search alone, not its "
+        "polishing: widen them or look for what is wrong",
     )
 
 

@@ -62,6 +62,34 @@ def start_of(
     return Start(model, "the untilted states", gain)
 
 
+def require_settled(
+    converged: NDArray[np.bool_],
+    sensor: Sensor,
+    bench: RateTable,
+    steps: Sequence[Spin],
+    groups: Sequence[int],
+) -> None:
+    """Refuse a solution that does not settle because these tilts are blind to a direction.
+
+    Only accidents of the mountings show it then, and drag the solution far along it.
+
+    Raises
+    ------
+    NotObserved
+        Naming the directions and what to add.
+    """
+    if converged.ndim or converged:  # of many trials each says for itself
+        return
+    blind = tuple(one.words for one in _nominally(sensor, bench, steps, groups).blind)
+    if blind:
+        raise NotObserved(
+            f"not observed: beside the rotations, norms of these {len(groups)} tilted states do "
+            f"not show {'; '.join(blind)}: damping does not settle; add tilts of a second kind, as "
+            "XY 135 + 45, or use joint",
+            blind,
+        )
+
+
 def _told(
     sensor: Sensor,
     priors: Sequence[Gaussian],
