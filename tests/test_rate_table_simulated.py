@@ -9,7 +9,7 @@ import pytest
 from inercal.benches import RateTable
 from inercal.errors import InputError
 from inercal.io.write import write_recording
-from inercal.pipeline import calibrate, named_as_in, simulate
+from inercal.pipeline import apply, calibrate, named_as_in, simulate
 from inercal.pipeline.on_table import states_of
 from inercal.report.tables import coefficients
 from inercal.runfile import Run, read
@@ -141,3 +141,14 @@ def test_rates_of_a_recording_in_another_unit_are_told_by_the_norms(tmp_path: Pa
     write_recording(replace(made, readback=turned), run.file(run.data.file))
     with pytest.raises(InputError, match="rates are in rad/s, not in rpm; state arm_rate_unit = "):
         calibrate(run)
+
+
+def test_what_is_written_is_whole_codes_and_keeps_its_names_when_corrected(tmp_path: Path):
+    run = run_of(tmp_path, ('seconds = "15 s"', 'seconds = "6 s"'))
+    made = simulate(run)
+    assert np.array_equal(made.data, np.round(made.data))
+    write_recording(named_as_in(run, made), run.file(run.data.file))
+    corrected = apply(calibrate(run).calibration, run)
+    write_recording(corrected, tmp_path / "corrected.csv")
+    header = (tmp_path / "corrected.csv").read_text(encoding="utf-8").partition("\n")[0]
+    assert header == "time,fx,fy,fz,mounting,rpm"

@@ -83,8 +83,10 @@ class Spin:
     azimuth: float | None = None
 
     def in_words(self) -> str:
-        """Return what to do: "spin at 60 rpm, +x outwards, −z up"."""
+        """Return what to do: "spin at 60 rpm, +x outwards, −z up", "at rest, +z up"."""
         text = f"spin at {self.rate * 30 / pi:.4g} rpm".replace("-", "−")
+        if self.rate == 0:
+            text = "at rest"
         if self.attitude is None:
             return text
         return f"{text}, {direction(self.attitude.out)} outwards, {direction(self.attitude.up)} up"

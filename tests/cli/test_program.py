@@ -112,3 +112,19 @@ def test_simulate_and_calibrate_work_one_after_the_other(tmp_path: Path):
     assert "ax.k0" in done.stdout
     assert "the data agree with the stated noise and bench" in " ".join(done.stdout.split())
     assert (tmp_path / "run.calibration.json").is_file()
+
+
+def test_where_nothing_can_be_kept_kernels_are_compiled_into_a_folder_that_goes():
+    script = """
+import os, sys
+os.access = lambda *_, **__: False
+os.environ.pop("NUMBA_CACHE_DIR", None)
+import inercal
+assert "numba" not in sys.modules
+from inercal.estimate import _kernels
+print(os.environ["NUMBA_CACHE_DIR"])
+"""
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    folder = Path(run.stdout.strip())
+    assert folder.name.startswith("inercal-")
+    assert not folder.exists()

@@ -60,3 +60,12 @@ def test_no_more_names_are_written_than_can_be_read():
     lower = drawn(NAMES[2], np.zeros(2))[2]
     assert len(lower.texts) <= 20
     assert lower.texts[0].get_text() == NAMES[2][0]
+
+
+@drawing.style
+def test_the_worst_are_named_where_not_all_can_be():
+    _, ((axes,),) = drawing.panels(1.6, [1.0])
+    drawing.name_positions(axes, [f"p{k}" for k in range(30)], worst=[7, 11])
+    named = {text.get_text() for text in axes.texts}
+    assert {"p7", "p11", "p0", "p6", "p8"} <= named
+    assert "p9" not in named

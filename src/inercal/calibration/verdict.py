@@ -56,7 +56,7 @@ def verdict(
         lines.append(
             f"{p} coefficients found, but the residuals are larger than noise and bench allow "
             f"(χ² = {estimate.chi2:.1f} with {estimate.dof} degrees of freedom, "
-            f"p {_chance(float(estimate.p_value))}): all uncertainties are scaled by "
+            f"p {chance(float(estimate.p_value))}): all uncertainties are scaled by "
             f"{float(estimate.birge):.2f}; look for the {sought} that sticks out among the "
             f"residuals and the bench's errors{_largest(estimate, expected)}"
         )
@@ -98,7 +98,7 @@ def _largest(estimate: Estimate, expected: Mapping[str, Parameter]) -> str:
 def _by_group(estimate: Estimate, count: int) -> list[str]:
     """Say how each kind of observations agrees with its noise."""
     told = [
-        f"{group.name} χ² = {group.chi2:.1f} with {group.dof}, p {_chance(group.p_value)}"
+        f"{group.name} χ² = {group.chi2:.1f} with {group.dof}, p {chance(group.p_value)}"
         for group in estimate.groups
     ]
     beyond = [group for group in estimate.groups if group.spread.excess]
@@ -124,7 +124,8 @@ def _by_group(estimate: Estimate, count: int) -> list[str]:
     ]
 
 
-def _chance(p: float) -> str:
+def chance(p: float) -> str:
+    """Return a small probability behind a "p": "= 0.003", "< 1e-99"."""
     return f"= {p:.1g}" if p > _LEAST else f"< {_LEAST:.0e}"
 
 

@@ -17,8 +17,9 @@ def run(
     from inercal.calibration.files import as_object, save
     from inercal.cli.show import as_json, as_table, told, working
     from inercal.errors import InputError
+    from inercal.io.atomic import written_together
     from inercal.pipeline import calibrate
-    from inercal.pipeline.states import write_states
+    from inercal.pipeline.states import has_states, write_states
     from inercal.runfile import read
 
     if not out.is_dir():
@@ -27,18 +28,22 @@ def run(
     doing = f"calibrating {plan.sensor.name} from {plan.data.file}"
     with working(doing) as say:
         outcome = calibrate(plan, lambda generation: say(f"{doing}: {told(generation)}"))
-        result = out / f"{run_file.stem}.calibration.json"
-        page = out / f"{run_file.stem}.report.html"
-        if with_report:
-            from inercal.report import write_report
+        names = {"calibration_file": "calibration.json", "report": "report.html"}
+        names |= {"states": "states.csv"} if has_states(plan, outcome) else {}
+        if not with_report:
+            del names["report"]
+        files = {kind: out / f"{run_file.stem}.{name}" for kind, name in names.items()}
+        with written_together(list(files.values())) as parts:
+            part = dict(zip(files, parts, strict=True))
+            if with_report:
+                from inercal.report import write_report
 
-            write_report(outcome, page, plan.truth or None)
-        save(outcome.calibration, result)
-        states = write_states(plan, outcome, out / f"{run_file.stem}.states.csv")
-    files = {"calibration_file": str(result)} | ({"report": str(page)} if with_report else {})
-    files |= {"states": str(states)} if states else {}
+                write_report(outcome, part["report"], plan.truth or None)
+            save(outcome.calibration, part["calibration_file"])
+            if "states" in part:
+                write_states(plan, outcome, part["states"])
     if json:
-        as_json(as_object(outcome.calibration) | files)
+        as_json(as_object(outcome.calibration) | {kind: str(path) for kind, path in files.items()})
         return
     as_table(outcome, plan.truth)
     for path in files.values():

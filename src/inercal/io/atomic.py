@@ -1,7 +1,8 @@
 """Files that appear whole or not at all."""
 
 import os
-from collections.abc import Generator
+import shutil
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from uuid import uuid4
@@ -43,3 +44,33 @@ def atomic_write(path: str | os.PathLike[str]) -> Generator[Path]:
         raise
     finally:
         temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def written_together(targets: Sequence[Path]) -> Generator[list[Path]]:
+    """Give temporary paths for files of one folder; all are renamed when the block succeeds.
+
+    A block that fails leaves all files as they were. A file that the block does not write is left
+    alone.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be written, or one of the paths is a folder.
+    """
+    for target in targets:
+        if target.is_dir():
+            raise InputError(f"{target} is a folder; name a file to write")
+    folder = targets[0].parent / f".{uuid4().hex}.part"
+    try:
+        folder.mkdir()
+    except OSError as error:
+        raise InputError(f"{targets[0]} cannot be written: {error.strerror or error}") from error
+    try:
+        parts = [folder / target.name for target in targets]
+        yield parts
+        for part, target in zip(parts, targets, strict=True):
+            if part.exists():
+                os.replace(part, target)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)

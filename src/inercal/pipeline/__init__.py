@@ -24,7 +24,13 @@ from inercal.methods.ship_multi_angle.evolution import Generation, History
 from inercal.parameters import Parameter
 from inercal.pipeline import by_hand, on_arm, on_head, on_table
 from inercal.pipeline.bench_errors import stated
-from inercal.pipeline.inputs import Gathered, gyro_file, load_recording
+from inercal.pipeline.inputs import (
+    Gathered,
+    columns,
+    gyro_file,
+    load_recording,
+    readback_columns,
+)
 from inercal.pipeline.simulation import named_as_in, read_out, simulate
 from inercal.plan import Step
 from inercal.recording import Finding, Mark, Observations, Recording
@@ -205,7 +211,8 @@ def apply(calibration: Calibration, run: Run | str | Path) -> Recording:
     -------
     Recording
         Channels fx, fy, fz (m/s²) and wx, wy, wz (rad/s), whichever the sensor has; of one or two
-        accelerometers those along them, what acts across being taken as nothing.
+        accelerometers those along them, what acts across being taken as nothing. Labels and what
+        the bench reads back keep their columns' names and units.
 
     Raises
     ------
@@ -236,6 +243,7 @@ def apply(calibration: Calibration, run: Run | str | Path) -> Recording:
         f=nothing if 0 < count["f"] < _ALL else None,
         w=nothing if 0 < count["w"] < _ALL else None,
     )
+    named = readback_columns(run)
     felt = [("f", "m/s²", motion.f), ("w", "rad/s", motion.w)]
     present = [(kind, unit, values[..., : count[kind]]) for kind, unit, values in felt]
     return replace(
@@ -243,6 +251,8 @@ def apply(calibration: Calibration, run: Run | str | Path) -> Recording:
         data=np.concatenate([values for _, _, values in present], axis=-1),
         channels=tuple(kind + axis for kind, _, _ in present for axis in "xyz"[: count[kind]]),
         units=tuple(unit for kind, unit, _ in present for _ in "xyz"[: count[kind]]),
+        readback={named[name]: values for name, values in recording.readback.items()},
+        label_name=columns(run).label or recording.label_name,
     )
 
 

@@ -17,8 +17,9 @@ from inercal.pipeline.inputs import columns, limits, readback_columns, readback_
 from inercal.plan import Index, Spin
 from inercal.recording import Recording
 from inercal.runfile import Run, read
-from inercal.sensors import Sensor
+from inercal.sensors import Axis, Sensor
 
+_ROUNDING = 1e-9
 _MOST_SAMPLES = 1e8  # of a simulation, all trials together: 5 GB for an IMU
 
 
@@ -134,7 +135,18 @@ def read_out(
         noisy = reading[..., k] + axis.noise.draw(rng, reading.shape[:-1], rate_hz)
         reading[..., k] = axis.noise.quantise(noisy)
     output = sensor.to_output(reading)
+    for k, axis in enumerate(sensor.axes):
+        output[..., k] = _whole_codes(axis, output[..., k])
     for name, ends in limits(sensor).items():
         k = sensor.channels.index(name)
         output[..., k] = np.clip(output[..., k], *ends)
     return output
+
+
+def _whole_codes(axis: Axis, output: np.ndarray) -> np.ndarray:
+    """Return output without the rounding of scales, where it goes in whole codes."""
+    step = axis.noise.quantisation * abs(axis.readout.scale)
+    whole = round(step)
+    if whole < 1 or abs(step / whole - 1) > _ROUNDING:
+        return output
+    return np.round((output - axis.readout.offset) / whole) * whole + axis.readout.offset

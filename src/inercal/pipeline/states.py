@@ -42,7 +42,7 @@ def write_states(run: Run, outcome: "Outcome", path: Path) -> Path | None:
     InputError
         A path that cannot be written, or that is the recording itself.
     """
-    if outcome.recording is None or not isinstance(run.bench, RateTable):
+    if not has_states(run, outcome):
         return None
     if path.resolve() == run.file(run.data.file).resolve():
         raise InputError(
@@ -51,6 +51,11 @@ def write_states(run: Run, outcome: "Outcome", path: Path) -> Path | None:
         )
     write_means(path, states(run, outcome))
     return path
+
+
+def has_states(run: Run, outcome: "Outcome") -> bool:
+    """Whether a run has states to write: of a recording on a rate table."""
+    return outcome.recording is not None and isinstance(run.bench, RateTable)
 
 
 def states(run: Run, outcome: "Outcome") -> dict[str, Cells]:
@@ -69,7 +74,7 @@ def states(run: Run, outcome: "Outcome") -> dict[str, Cells]:
     recording, seen = outcome.recording, outcome.observations
     assert recording is not None
     assert recording.labels is not None
-    order = np.argsort([mark.start for mark in outcome.marks], kind="stable").tolist()
+    order: list[int] = np.argsort([mark.start for mark in outcome.marks], kind="stable").tolist()
     rates = [step.rate for step in outcome.steps if isinstance(step, Spin)]
     sensor = outcome.calibration.sensor
     mean = sensor.to_output(seen.mean)
@@ -81,9 +86,14 @@ def states(run: Run, outcome: "Outcome") -> dict[str, Cells]:
     axes = [str(column) for column in data.accelerometer]
     found: dict[str, Cells] = {
         str(data.mounting): [mounting[k] for k in order],
-        readback_columns(run)["arm_rate"]: [rates[k] / size for k in order],
+        readback_columns(run)["arm_rate"]: _rounded([rates[k] / size for k in order]),
     }
-    found |= {name: mean[order, k].tolist() for k, name in enumerate(axes)}
-    found |= {name + SD: sd[order, k].tolist() for k, name in enumerate(axes)}
-    found |= {TURNS: [turns[k] for k in order], SECONDS: seen.duration[order].tolist()}
-    return found
+    found |= {name: _rounded(mean[order, k].tolist()) for k, name in enumerate(axes)}
+    found |= {name + SD: _rounded(sd[order, k].tolist()) for k, name in enumerate(axes)}
+    seconds = _rounded(seen.duration[order].tolist())
+    return found | {TURNS: [turns[k] for k in order], SECONDS: seconds}
+
+
+def _rounded(values: Sequence[float]) -> list[float]:
+    """Return numbers of twelve digits: far below the deviations, and no "45.99999999999999"."""
+    return [float(f"{value:.12g}") for value in values]

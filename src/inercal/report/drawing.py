@@ -145,8 +145,21 @@ def _upright(labels: Sequence[str]) -> bool:
     return len(labels) > 10 or max(map(len, labels), default=0) > 7
 
 
-def name_positions(axes: Axes, labels: Sequence[str], *, named: bool = True) -> None:
-    """Put one name under each whole number of the x axis, and a faint line between any two."""
+def name_positions(
+    axes: Axes, labels: Sequence[str], *, named: bool = True, worst: Sequence[int] = ()
+) -> None:
+    """Put one name under each whole number of the x axis, and a faint line between any two.
+
+    Parameters
+    ----------
+    axes : Axes
+    labels : sequence of str
+        Of more than can be read some are left out.
+    named : bool
+        Whether names are written at all.
+    worst : sequence of int
+        Those that are named before others, the most important first.
+    """
     axes.set_xticks([])
     axes.set_xlim(-0.6, len(labels) - 0.4)
     between = np.arange(len(labels) - 1) + 0.5
@@ -158,7 +171,11 @@ def name_positions(axes: Axes, labels: Sequence[str], *, named: bool = True) -> 
     angle = 90 if _upright(labels) else 0
     every = -(-len(labels) // NAMES)
     # Texts: a tick of matplotlib costs several times as much.
-    for k in range(0, len(labels), every):
+    chosen: list[int] = []
+    for k in (*worst, *range(0, len(labels), every)):
+        if all(2 * abs(k - other) >= every for other in chosen if other != k):
+            chosen.append(k)
+    for k in set(chosen):
         axes.text(k, 0, labels[k], transform=under, rotation=angle, va=top, ha=centre)
 
 

@@ -45,7 +45,7 @@ def residuals(outcome: Outcome) -> Markup:
         _dots(upper, seen.whitened[:, members], names, band=True)
         _dots(lower, seen.plain[:, members] / si, names, band=False)
         drawing.name_positions(upper, seen.rows, named=False)
-        drawing.name_positions(lower, seen.rows)
+        drawing.name_positions(lower, seen.rows, worst=_beyond(seen.whitened[:, members]))
         upper.set_title(title)
         upper.set_ylabel("standard deviations")
         lower.set_ylabel(unit)
@@ -96,7 +96,8 @@ def _residuals_by_group(outcome: Outcome) -> Markup:
         _dots(left, group.residual / group.sd, parts, band=True)
         _dots(right, group.residual / si, parts, band=False)
         for axes, words in ((left, "standard deviations"), (right, unit)):
-            drawing.name_positions(axes, group.labels, named=has)
+            worst = _beyond(group.residual / group.sd)
+            drawing.name_positions(axes, group.labels, named=has, worst=worst)
             axes.set_ylabel(words)
         left.set_title(group.name)
         if len(parts) > 1:
@@ -130,10 +131,16 @@ def departures(pulls: Mapping[str, Sequence[tuple[str, float]]]) -> Markup:
         colour = {"1": X, "2": Y}.get(name[-1], Z)
         axes.plot(place[:, k], table[:, k], shape, ms=4.5, mfc=colour, mec=PAPER, mew=0.4,
                   ls="none", label=name)  # fmt: skip
-    drawing.name_positions(axes, list(pulls))
+    drawing.name_positions(axes, list(pulls), worst=_beyond(table))
     axes.set_ylabel("standard deviations")
     drawing.key(axes)
     return svg(figure, "departures", "What the fit found about the bench, against what was stated")
+
+
+def _beyond(values: Array) -> list[int]:
+    """Return the rows of (rows, parts) that lie beyond the band, the farthest first."""
+    size = np.nanmax(np.abs(values), axis=1, initial=0.0)
+    return [k for k in np.argsort(-size, kind="stable").tolist() if size[k] > _BAND]
 
 
 def _dots(axes: Axes, values: Array, names: Sequence[str], *, band: bool) -> None:

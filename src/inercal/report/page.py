@@ -11,6 +11,7 @@ from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
 from inercal.benches import DividingHead, RateTable
+from inercal.calibration.verdict import chance
 from inercal.methods.observed import NOISE_ALONE
 from inercal.pipeline import Outcome
 from inercal.pipeline.judgement import judge
@@ -85,6 +86,9 @@ def page(outcome: Outcome, truth: Mapping[str, float] | None) -> str:
         turned_too=any(axis.measures == "w" for axis in calibration.sensor.axes),
         turned=any(isinstance(step, Turn) for step in outcome.steps),
         norms=by_norm(outcome),
+        unjudged=isinstance(bench, RateTable) and not estimate.dof,
+        chance=chance,
+        states=isinstance(bench, RateTable),
         placed=any(not isnan(attitude.off) for attitude in found),
         spun=any(isinstance(step, Spin) for step in outcome.steps),
         free=bool(estimate.groups),
@@ -126,8 +130,9 @@ def facts(outcome: Outcome) -> list[tuple[str, str]]:
     used = f"{holds} position{'s' * (holds != 1)}"
     if spins:
         rates = len({round(abs(step.rate), 3) for step in spins})
-        turner = "table" if isinstance(outcome.bench, RateTable) else "arm"
-        used = f"{len(spins)} rows\nat {rates} rate{'s' * (rates != 1)} of the {turner}"
+        table = isinstance(outcome.bench, RateTable)
+        rows, turner = ("states", "table") if table else ("rows", "arm")
+        used = f"{len(spins)} {rows}\nat {rates} rate{'s' * (rates != 1)} of the {turner}"
     if turns:
         used += f"\n{turns} turn{'s' * (turns != 1)}"
     result.append(("Used", used))
