@@ -103,7 +103,7 @@ def refused(path: Path, words: str, kind: type[InercalError] = InputError) -> No
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ('arm_rate = "rpm"', 'arm_rate = "rpm"\narm_rate_unit = "rad/s"', "are in rpm, not in rad/s"),
+        ('arm_rate = "rpm"', 'arm_rate = "rpm"\narm_rate_unit = "rad/s"', "are in rpm, not in"),
         ('["ax", "ay", "az"]', '["ay", "ax", "az"]', "as x, y, z = ax, ay, az, not as ay, ax, az"),
         ('"250 mm ± 0.3 mm"', '"0 mm"', r"radius: '0 mm' must be positive"),
         ('"250 mm ± 0.3 mm"', '"25 mm"', "look at arm_rate_unit, \\[bench\\] radius and the scale"),

@@ -17,11 +17,16 @@ def test_files_appear_together_when_all_are_written(tmp_path: Path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["one.json", "two.csv"]
 
 
+def write_then_stop(path: Path) -> None:
+    path.write_text("new")
+    raise FileNotFoundError
+
+
 def test_a_block_that_fails_leaves_all_as_they_were(tmp_path: Path):
     targets = [tmp_path / "one.json", tmp_path / "two.csv"]
     targets[0].write_text("old")
     with pytest.raises(FileNotFoundError), written_together(targets) as parts:
-        (parts[0].write_text("new"), (tmp_path / "no" / "file").write_text("stops"))
+        write_then_stop(parts[0])
     assert [path.name for path in tmp_path.iterdir()] == ["one.json"]
     assert targets[0].read_text() == "old"
 
