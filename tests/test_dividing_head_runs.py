@@ -379,7 +379,7 @@ def test_a_reading_of_the_autocollimator_that_is_missing_is_refused(tmp_path: Pa
         ('"1.643 ″"]', '"-1.6 ″"]', "give each from 0 to 1°"),
         ('certificate = "0 ″"', 'certificate = "5 °"', "more than a bench can lean"),
         ('drift = "0 µg"', 'drift = "5 g"', "more than a bias can drift"),
-        ('"pairs"', '"some"', "autocollimation: Input should be 'pairs', 'every' or 'none'"),
+        ('"pairs"', '"some"', "autocollimation: 'some'; it is pairs, every or none"),
         ('"pairs"', '"none"\npolygon = "p.csv"', "reads no face"),
         ('name = "pair"', 'name = "pair"\nform = "reference"', "state form = \"tilted\""),
         ('name = "dual_orthogonal"', 'name = "six_position"', "takes 'hand', not 'dividing_head'"),

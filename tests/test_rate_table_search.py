@@ -70,12 +70,15 @@ def test_estimators_that_do_not_search_refuse_the_section(tmp_path: Path, estima
 @pytest.mark.parametrize(
     ("search", "words"),
     [
-        ("seed = -1", "method.search.seed: Input should be greater than or equal to 0"),
-        ("seed = 1.5", "method.search.seed: "),
+        ("seed = -1", "[method.search] seed: -1; it must be 0 or more"),
+        ("seed = 1.5", "[method.search] seed: 1.5 is no whole number"),
+        ('seed = "abc"', "[method.search] seed: 'abc' is no whole number"),
         ('time_limit = "-1 s"', "[method.search] time_limit: '-1 s' must be positive"),
         ('time_limit = "0 s"', "must be positive"),
         ('time_limit = "20 m"', "[method.search] time_limit: "),
-        ("time_limit = 20", "method.search.time_limit: "),
+        ("time_limit = 20", '20 is a number; give text with its unit, such as "20 s"'),
+        ("goal = 5", '[method.search] goal: 5 is a number; give text with its unit, such as "5 %"'),
+        ('goal = "abc"', "goal: 'abc' is no finite number, such as '0.5' or '50 %'"),
         ('goal = "0 %"', "[method.search] goal: '0 %' must be positive"),
         ('goal = "100 %"', "[method.search] goal: '100 %' must be less than 100 %"),
         ('goal = "5 mg"', "[method.search] goal: "),

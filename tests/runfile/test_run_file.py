@@ -82,12 +82,20 @@ def test_chosen_coefficients_replace_those_of_the_method(tmp_path: Path):
     ("old", "new", "words"),
     [
         ('tilt = "0.3 °"\nturn_a', 'tillt = "0.3 °"\nturn_a', ["unknown key bench.tillt", "tilt,"]),
-        ('[method]\nname = "f', '[method]\nnam = "f', ["method.name is missing"]),
+        (
+            '[method]\nname = "f',
+            '[method]\nnam = "f',
+            ["[method] name is missing", "unknown key method.nam;"],
+        ),
         ('name = "ferraris"', 'name = "ferraris"\nx = 1', ["unknown key method.x", "estimator"]),
         ('unit = "°/s"', 'unit = "°/s"\nnoise = "1"', ["sensor.gyro.noise", "white"]),
         ("[sensor]\n", "speed = 1\n[sensor]\n", ["unknown key speed", "sensor, bench, data"]),
-        ('rate = "50 Hz"', "rate = 50", ["data.rate", "string"]),
-        ('marks = "found"', 'nonfinite = "ignore"', ["data.nonfinite", "'refuse' or 'drop'"]),
+        ('rate = "50 Hz"', "rate = 50", ["[data] rate: 50 is a number", '"100 Hz"']),
+        (
+            'marks = "found"',
+            'nonfinite = "ignore"',
+            ["[data] nonfinite: 'ignore'; it is refuse or drop"],
+        ),
         ('unit = "°/s"', 'unit = "°/fortnight"', ["[sensor.gyro] unit", "fortnight"]),
         ('unit = "°/s"', 'unit = "m/s²"', ["[sensor.gyro] unit", "'LSB' or 'V'"]),
         ('scale = "2048 LSB/g"\n', "", ["[sensor.accelerometer]", "without a scale", "LSB/g"]),
@@ -101,7 +109,7 @@ def test_chosen_coefficients_replace_those_of_the_method(tmp_path: Path):
         ('tilt = "0.3 °"\nturn_a', 'tilt = "0.3"\nturn_a', ["[bench] tilt", "unit"]),
         ('"9.81 m/s² ± 0.2 mm/s²"', '"5 m/s²"', ["[bench] gravity", "9.76 to 9.84"]),
         ('"9.81 m/s² ± 0.2 mm/s²"', '"98.1 m"', ["[bench] gravity", "98.1 m"]),
-        ('latitude = "47 °"', 'kind = "robot"', ["bench", "'robot'", "'hand', 'centrifuge'"]),
+        ('latitude = "47 °"', 'kind = "robot"', ["[bench] kind: 'robot'; it is hand, centri"]),
         ('name = "ferraris"', 'name = "feraris"', ["'feraris'", "six_position, ferraris"]),
         (
             'name = "ferraris"',
@@ -138,7 +146,7 @@ def test_a_section_that_is_missing_is_named(tmp_path: Path, section: str):
     kept = [part for part in parts if not part.startswith(f"[{section}")]
     path = tmp_path / "run.toml"
     path.write_text("\n\n".join(kept), encoding="utf-8")
-    assert refusal(path) == f"{section} is missing"
+    assert refusal(path) == f"[{section}] is missing"
 
 
 @pytest.mark.parametrize(
@@ -166,7 +174,7 @@ def test_neither_gravity_nor_latitude_is_refused_with_both_ways(tmp_path: Path):
         FERRARIS, ('gravity = "9.81 m/s² ± 0.2 mm/s²"\n', ""), ('latitude = "47 °"\n', "")
     )
     message = refusal(run_file(tmp_path, text))
-    assert message.startswith("bench: give gravity = ")
+    assert message.startswith("[bench]: give gravity = ")
     assert "latitude" in message
 
 
@@ -217,8 +225,9 @@ def test_no_toml_is_refused_with_the_line(tmp_path: Path):
         b"[" * 5000,
         b"a = " + b"[" * 100_000,
         b"a." * 5000,
+        b"a = " + b"9" * 5000,
     ],
-    ids=["random", "zeros", "UTF-16", "brackets", "nested", "dotted"],
+    ids=["random", "zeros", "UTF-16", "brackets", "nested", "dotted", "digits"],
 )
 def test_junk_is_refused_in_one_line(tmp_path: Path, content: bytes):
     path = tmp_path / "run.toml"
@@ -229,7 +238,7 @@ def test_junk_is_refused_in_one_line(tmp_path: Path, content: bytes):
 def test_an_empty_file_lacks_its_sections(tmp_path: Path):
     path = tmp_path / "run.toml"
     path.write_bytes(b"")
-    assert refusal(path) == "sensor is missing"
+    assert refusal(path) == "[sensor] is missing"
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path: Path):

@@ -11,10 +11,10 @@ from functools import cached_property, partial
 from hashlib import sha256
 from inspect import signature
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
 from inercal.benches import Bench
 from inercal.errors import InputError
@@ -27,8 +27,9 @@ from inercal.plan import Step
 from inercal.runfile.build import build_bench, build_sensor, coefficient_value, si_value
 from inercal.runfile.checks import KINDS, axes_of, require_columns, require_frame, require_once
 from inercal.runfile.priors import prior_from, static_prior
-from inercal.runfile.schema import BENCHES, DataSection, MethodSection, RunSchema
+from inercal.runfile.schema import DataSection, MethodSection, RunSchema
 from inercal.runfile.search import searching
+from inercal.runfile.wording import worded
 from inercal.sensors import Sensor
 
 # [method] keys of the plan: key, unit like, argument of the method's plan
@@ -144,18 +145,19 @@ def read(path: str | Path, method_keys: Mapping[str, object] | None = None) -> R
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     try:
         content = tomllib.loads(raw.decode("utf-8"))
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except ValueError as error:  # of the encoding, the grammar, or an integer of 5000 digits
         raise InputError(f"{path}: not a TOML run file: {error}") from None
     except RecursionError:
         raise InputError(f"{path}: not a TOML run file: nested too deeply") from None
-    if method_keys:
+    if method_keys and isinstance(content.get("method", {}), dict):
         content["method"] = content.get("method", {}) | dict(method_keys)
+    whole = dict(content)
     if isinstance(content.get("bench"), dict):
-        content["bench"].setdefault("kind", "hand")
+        whole["bench"] = {"kind": "hand"} | content["bench"]
     try:
-        schema = RunSchema.model_validate(content)
+        schema = RunSchema.model_validate(whole)
     except ValidationError as error:
-        raise InputError(f"{path}: {_first(error)}") from None
+        raise InputError(f"{path}: {worded(error, content)}") from None
     try:
         return _build(path, sha256(raw).hexdigest(), schema)
     except InputError as error:
@@ -247,28 +249,6 @@ def _option(given: str | bool | int | tuple[str, ...], like: str, key: str) -> A
     if value == 0 or (like not in ("°", "rpm") and value < 0):
         raise InputError(f"{key}: {given!r} must be positive" + _SENSE * (like == "°"))
     return value
-
-
-def _first(error: ValidationError) -> str:
-    """Return pydantic's first complaint as one line with its key and what is possible there."""
-    complaint = error.errors()[0]
-    where = [str(part) for part in complaint["loc"]]
-    if len(where) > 1 and where[0] == "bench":
-        del where[1]  # the kind of bench, by which its section was chosen
-    key = ".".join(where)
-    if complaint["type"] == "extra_forbidden":
-        model: type[BaseModel] = RunSchema
-        if where[0] == "bench":
-            model = BENCHES[str(complaint["loc"][1])]
-        for part in where[1 if where[0] == "bench" else 0 : -1]:
-            annotation = model.model_fields[part].annotation
-            for inner in (annotation, *get_args(annotation)):  # a section may be optional
-                if isinstance(inner, type) and issubclass(inner, BaseModel):
-                    model = inner
-        return f"unknown key {key}; possible here: {', '.join(model.model_fields)}"
-    if complaint["type"] == "missing":
-        return f"{key} is missing"
-    return f"{key}: {complaint['msg'].removeprefix('Value error, ')}"
 
 
 __all__ = ["Run", "read"]

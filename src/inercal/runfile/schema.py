@@ -1,4 +1,7 @@
-"""What a run file may contain, section by section. Values with units are text: "60 µg/√Hz"."""
+"""What a run file may contain, section by section. Values with units are text: "60 µg/√Hz".
+
+An example stands beside a key where its default is none, or says nothing: complaints show it.
+"""
 
 from typing import Literal
 
@@ -12,14 +15,16 @@ class _Section(BaseModel):
 class ReadoutSection(_Section):
     """[sensor.accelerometer] and [sensor.gyro]: how the axes state readings, and their noise."""
 
-    unit: str = Field(description="unit of the output: 'm/s²', 'g', '°/s', 'LSB', 'V', …")
-    scale: str | None = Field(None, description="nominal scale factor, such as '2048 LSB/g'")
+    unit: str = Field(description="unit of the output: 'LSB', 'V', …", examples=["m/s²"])
+    scale: str | None = Field(None, description="nominal scale factor", examples=["2048 LSB/g"])
     offset: float = Field(0.0, description="output at zero, in output units")
-    full_scale: str | None = Field(None, description="largest reading, such as '16 g'")
-    white: str | None = Field(None, description="velocity or angle random walk, '60 µg/√Hz'")
-    bias_instability: str | None = None
-    random_walk: str | None = None
-    quantisation: str | None = Field(None, description="step of the reading, such as '0.5 mg'")
+    full_scale: str | None = Field(None, description="largest reading", examples=["16 g"])
+    white: str | None = Field(
+        None, description="velocity or angle random walk", examples=["60 µg/√Hz"]
+    )
+    bias_instability: str | None = Field(None, examples=["20 µg"])
+    random_walk: str | None = Field(None, examples=["1 µg/√s"])
+    quantisation: str | None = Field(None, description="step of the reading", examples=["0.5 mg"])
 
 
 class SensorSection(_Section):
@@ -32,13 +37,13 @@ class SensorSection(_Section):
     frame: Literal["mount", "symmetric"] = "mount"
     accelerometer: ReadoutSection
     gyro: ReadoutSection | None = None
-    truth: dict[str, str | float] = Field(default_factory=dict)
+    truth: dict[str, str | float] = Field(default_factory=dict, examples=[{"ax.k0": "32 mg"}])
 
 
 class _BenchSection(_Section):
-    gravity: str | None = None
-    latitude: str | None = None
-    height: str = "0 m"
+    gravity: str | None = Field(None, examples=["9.8073 m/s² ± 0.2 mm/s²"])
+    latitude: str | None = Field(None, examples=["48.1 °"])
+    height: str = Field("0 m", examples=["520 m"])
 
     @model_validator(mode="after")
     def _gravity_is_known(self) -> "_BenchSection":
@@ -61,16 +66,18 @@ class CentrifugeSection(_BenchSection):
     """[bench]: a precision centrifuge."""
 
     kind: Literal["centrifuge"]
-    radius: str
-    stretch: str = "0 ppm/g"
+    radius: str = Field(examples=["1 m ± 10 µm"])
+    stretch: str = Field("0 ppm/g", examples=["0.2 ppm/g"])
     rate_error: str = "1 ppm"
     tilt: str = "2 ″"
     lean: str = "2 ″"
-    dwell_rate: str = "0 ppm"
-    dwell_tilt: str = "0 ″"
+    dwell_rate: str = Field("0 ppm", examples=["0.2 ppm"])
+    dwell_tilt: str = Field("0 ″", examples=["1 ″"])
     platform: Literal["locked", "counter-rotating"] = "locked"
     sense: Literal["counter-clockwise", "clockwise"] = "counter-clockwise"
-    indexing: str | None = Field(None, description="of each attitude, where attitudes are known")
+    indexing: str | None = Field(
+        None, description="of each attitude, where attitudes are known", examples=["0.02 °"]
+    )
     mounting: str = "0.1 °"
 
 
@@ -82,12 +89,14 @@ class DividingHeadSection(_BenchSection):
     division: str = "1 ″"
     autocollimation: Literal["pairs", "every", "none"] = "none"
     autocollimator: str = "0.1 ″"
-    polygon: str | None = Field(None, description="certificate: one row a face")
+    polygon: str | None = Field(
+        None, description="certificate: one row a face", examples=["polygon.csv"]
+    )
     polygon_unit: str = "″"
     certificate: str = "0.1 ″"
     base: str = "10 ″"
     pier: str = "0.1 ″"
-    creep: str = "0 ″"
+    creep: str = Field("0 ″", examples=["0.2 ″"])
     lean: str = "20 ″"
     drift: str = "0.5 µg"
 
@@ -96,10 +105,10 @@ class RateTableSection(_BenchSection):
     """[bench]: a plain rate table with a fixture, as for sensors of ship models."""
 
     kind: Literal["rate_table"]
-    radius: str
+    radius: str = Field(examples=["250 mm"])
     seat: str = "0.5 mm"
     pose: str = "0.2 °"
-    rate_error: str = "0 %"
+    rate_error: str = Field("0 %", examples=["0.01 %"])
     speed: str = "0.05 %"
     lean: str = "0.05 °"
 
@@ -116,16 +125,18 @@ BenchSection = HandSection | CentrifugeSection | DividingHeadSection | RateTable
 class DataSection(_Section):
     """[data]: the file and its columns, by header name or by number counted from 1."""
 
-    file: str
+    file: str = Field(examples=["session.csv"])
     kind: Literal["recording", "means"] = "recording"
     accelerometer: tuple[str | int, ...] = ("acc_x", "acc_y", "acc_z")
     gyro: tuple[str | int, str | int, str | int] = ("gyr_x", "gyr_y", "gyr_z")
     gyro_file: str | None = Field(
-        None, description="the gyros' columns, where they stand in a file of their own, same rows"
+        None,
+        description="the gyros' columns, where they stand in a file of their own, same rows",
+        examples=["gyro.mat"],
     )
     time: str | int | None = None
     time_unit: str = "s"
-    rate: str | None = None
+    rate: str | None = Field(None, examples=["100 Hz"])
     label: str | int | None = None
     temperature: str | int | None = None
     temperature_unit: str = "°C"
@@ -134,6 +145,7 @@ class DataSection(_Section):
     sd: dict[Literal["accelerometer", "gyro"], str] = Field(
         default_factory=dict[Literal["accelerometer", "gyro"], str],
         description="of means: the standard deviation of each",
+        examples=[{"accelerometer": "30 µg", "gyro": "5 °/h"}],
     )
     seconds: str | int | None = Field(None, description="of means: column of durations, s")
     arm_rate: str | int | None = Field(
@@ -141,7 +153,9 @@ class DataSection(_Section):
     )
     arm_rate_unit: str = Field("rpm", description="its unit, or the size of one: '0.5 rev/s'")
     attitude: tuple[str | int, str | int] | None = Field(
-        None, description="of means on a centrifuge: columns of ψ and θ"
+        None,
+        description="of means on a centrifuge: columns of ψ and θ",
+        examples=[["psi", "theta"]],
     )
     attitude_unit: str = "°"
     mounting: str | int | None = Field(
@@ -177,26 +191,44 @@ class SearchSection(_Section):
 class MethodSection(_Section):
     """[method]."""
 
-    name: str
-    estimator: str = ""
-    coefficients: tuple[str, ...] = Field((), description="in place of the method's own choice")
-    also: tuple[str, ...] = Field((), description="beside the method's own choice")
-    seconds: str | None = Field(None, description="length of each hold in a simulation")
-    turn: str | None = Field(None, description="angle of a turn, positive counter-clockwise")
-    turn_seconds: str | None = None
+    name: str = Field(examples=["six_position"])
+    estimator: str = Field("", examples=["ml"])
+    coefficients: tuple[str, ...] = Field(
+        (), description="in place of the method's own choice", examples=[["bias", "scale"]]
+    )
+    also: tuple[str, ...] = Field(
+        (), description="beside the method's own choice", examples=[["g", "k2"]]
+    )
+    seconds: str | None = Field(
+        None, description="length of each hold in a simulation", examples=["20 s"]
+    )
+    turn: str | None = Field(
+        None, description="angle of a turn, positive counter-clockwise", examples=["-360 °"]
+    )
+    turn_seconds: str | None = Field(None, examples=["6 s"])
     positions: int | None = Field(
         None, description="rests of a multi_position simulation, or positions of a dividing head"
     )
     reverse: bool | None = Field(None, description="whether a dividing head goes back too")
     time_offset: bool = Field(False, description="find the gyros' delay too")
-    attitudes: str | None = Field(None, description="plan of attitudes on a centrifuge")
-    rates: tuple[str, ...] | None = Field(None, description="rates of the arm in the plan")
+    attitudes: str | None = Field(
+        None, description="plan of attitudes on a centrifuge", examples=["half-circle"]
+    )
+    rates: tuple[str, ...] | None = Field(
+        None, description="rates of the arm in the plan", examples=[["60 rpm", "120 rpm"]]
+    )
     turns: int | None = Field(None, description="whole turns that a dwell of the plan lasts")
     search: SearchSection | None = None
-    prior_file: str | None = Field(None, description="calibration of bias and scale in rest")
-    prior: dict[str, str] = Field(default_factory=dict)
+    prior_file: str | None = Field(
+        None,
+        description="calibration of bias and scale in rest",
+        examples=["static.calibration.json"],
+    )
+    prior: dict[str, str] = Field(default_factory=dict, examples=[{"az.k0": "40 mg ± 5 mg"}])
     prior_from: dict[str, dict[str, str]] = Field(
-        default_factory=dict, description="by calibration file: our coefficient = its coefficient"
+        default_factory=dict,
+        description="by calibration file: our coefficient = its coefficient",
+        examples=[{"static.calibration.json": {"a.k3": "ax.k3"}}],
     )
 
 

@@ -150,6 +150,8 @@ def _split(text: str, like: str) -> tuple[float, str]:
         raise UnclearError("has a comma; decimals take a point")
     found = _QUANTITY.fullmatch(text.strip())
     if not found or not math.isfinite(float(found[1])):
+        if like == "1":
+            raise UnclearError("is no finite number, such as '0.5' or '50 %'")
         raise UnclearError(f"is no finite number with its unit, such as {_example(0.5, like)}")
     return float(found[1]), found[2].strip()
 

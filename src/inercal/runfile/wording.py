@@ -1,0 +1,207 @@
+"""What a run file's schema refuses, in one line: the key, what is there and what is possible.
+
+Names, types and choices are worded here; quantities are judged where they are taken, in `build`.
+"""
+
+import re
+from collections.abc import Iterable, Mapping
+from json import dumps
+from types import NoneType, UnionType
+from typing import Any, Literal, NamedTuple, Union, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
+
+from inercal.runfile.schema import BENCHES, RunSchema
+
+_QUANTITY = re.compile(r"[-+]?[0-9.]+ \S.*")
+_BARE = re.compile(r"[A-Za-z0-9_-]+")  # a key that TOML takes without quotes
+_LONGEST = 60  # characters of a value that are repeated
+_NO_SCALAR: Mapping[type, str] = {dict: "a section", list: "a list"}
+_SCALAR: Mapping[type, str] = {
+    str: "text",
+    int: "a number",
+    float: "a number",
+    bool: "neither text nor number",
+}
+
+
+class _Place(NamedTuple):
+    """Where a complaint is: the names on the way, the type that is taken and an example of it."""
+
+    names: tuple[str, ...]
+    takes: Any
+    example: Any
+
+
+def worded(error: ValidationError, content: Mapping[str, Any]) -> str:
+    """Return the first complaint as one line, with a name beside it that is misspelt.
+
+    Parameters
+    ----------
+    error : ValidationError
+        Of `RunSchema`.
+    content : mapping
+        The run file as it was written.
+    """
+    complaint, *others = error.errors(include_url=False)
+    kind, loc, value = complaint["type"], complaint["loc"], complaint["input"]
+    if kind == "extra_forbidden":
+        return _unknown(loc, value, content)
+    if loc[-1] == "[key]":
+        options = get_args(get_args(_place(loc[:-2]).takes)[0])
+        names = _dotted(map(str, loc[:-1]))
+        return f"unknown key {names}; possible here: {', '.join(options)}"
+    place = _place(loc)
+    if kind == "union_tag_invalid":
+        chosen = content["bench"]["kind"]
+        return f"[bench] kind: {_shown(chosen)}; it is {_either(BENCHES)}"
+    if kind == "value_error":
+        return f"[{_dotted(place.names)}]: {complaint['msg'].removeprefix('Value error, ')}"
+    if isinstance(loc[-1], int) and kind == "missing":  # of a list of fixed length
+        place, kind = _place(loc[:-1]), "too_short"
+    if kind == "missing":
+        line = f"{_key(place.names)} is missing{_such_as(place)}"
+        if _is_section(place.takes):
+            line = f"[{_dotted(place.names)}] is missing"
+        for other in others:  # it may be there, misspelt
+            if other["type"] == "extra_forbidden" and other["loc"][:-1] == loc[:-1]:
+                return f"{line}; {_unknown(other['loc'], other['input'], content)}"
+        return line
+    return f"{_key(place.names)}: {_wrong(kind, value, complaint.get('ctx', {}), place)}"
+
+
+def _unknown(loc: tuple[int | str, ...], value: object, content: Mapping[str, Any]) -> str:
+    place = _place(loc[:-1])
+    (model,) = _kinds(place.takes)
+    names = (*place.names, str(loc[-1]))
+    dotted = _dotted(names)
+    line = f"unknown section [{dotted}]" if isinstance(value, dict) else f"unknown key {dotted}"
+    line += f"; possible here: {', '.join(model.model_fields)}"
+    owners = [f'"{kind}"' for kind, bench in BENCHES.items() if names[-1] in bench.model_fields]
+    if place.names == ("bench",) and owners:
+        if "kind" not in content["bench"]:
+            line += "; kind is missing, so hand is taken"
+        line += f"; {names[-1]} goes with kind = {_either(owners)}"
+    return line
+
+
+def _wrong(kind: str, value: Any, context: Mapping[str, Any], place: _Place) -> str:
+    """Return what is wrong with the value of a key."""
+    taken = _kinds(place.takes)
+    if kind in ("too_short", "too_long"):
+        return f"{len(value)} in the list; it takes {len(get_args(taken[0]))}"
+    if kind == "greater_than_equal":
+        return f"{_shown(value)}; it must be {context['ge']} or more"
+    if get_origin(taken[0]) is Literal:
+        return f"{_shown(value)}; it is {_either(get_args(taken[0]))}"
+    if taken == (bool,):
+        return f"{_shown(value)}; it is true or false"
+    if taken in ((int,), (float,)):
+        return f"{_shown(value)} is no {'whole ' * (taken == (int,))}number"
+    return f"{_sort(value)}; give {_wanted(taken, place)}"
+
+
+def _wanted(taken: tuple[Any, ...], place: _Place) -> str:
+    """Return what may stand in the place of a value of another type."""
+    if _is_section(taken[0]):
+        return f"a section, [{_dotted(place.names)}]"
+    if int in taken:
+        return "a column, by its name or its number"
+    such_as = _such_as(place)
+    if get_origin(taken[0]) is tuple:
+        return f"a list{such_as}"
+    quantity = isinstance(place.example, str) and _QUANTITY.fullmatch(place.example)
+    return f"text with its unit{such_as}" if quantity else f"text in quotes{such_as}"
+
+
+def _such_as(place: _Place) -> str:
+    return "" if place.example is None else f", such as {_toml(place.example)}"
+
+
+def _place(loc: tuple[int | str, ...]) -> _Place:
+    """Follow a complaint's location through the schema."""
+    names: list[str] = []
+    takes: Any = RunSchema
+    example: Any = None
+    parts = list(loc)
+    if len(parts) > 1 and parts[0] == "bench":
+        takes, names, parts = BENCHES[str(parts[1])], ["bench"], parts[2:]
+    for part in parts:
+        kind = _kinds(takes)[0]
+        if isinstance(kind, type) and issubclass(kind, BaseModel):
+            field = kind.model_fields[str(part)]
+            takes, example = field.annotation, _example(field)
+        elif get_origin(kind) is dict:
+            takes = get_args(kind)[1]
+            example = example and example.get(part, next(iter(example.values())))
+        elif get_origin(kind) is tuple:
+            takes = get_args(kind)[0]
+            example = example[0] if example else None
+            continue
+        else:  # which type of several was tried
+            break
+        names.append(str(part))
+    return _Place(tuple(names), takes, example)
+
+
+def _example(field: FieldInfo) -> Any:
+    return field.examples[0] if field.examples else (field.get_default() or None)
+
+
+def _kinds(annotation: Any) -> tuple[Any, ...]:
+    """Return the types that an annotation allows, None apart."""
+    if get_origin(annotation) in (Union, UnionType):
+        return tuple(kind for kind in get_args(annotation) if kind is not NoneType)
+    return (annotation,)
+
+
+def _is_section(annotation: Any) -> bool:
+    kind = _kinds(annotation)[0]
+    return get_origin(kind) is dict or (isinstance(kind, type) and issubclass(kind, BaseModel))
+
+
+def _dotted(names: Iterable[str]) -> str:
+    return ".".join(name if _BARE.fullmatch(name) else _quoted(name) for name in names)
+
+
+def _quoted(name: str) -> str:
+    return dumps(name, ensure_ascii=False)
+
+
+def _key(names: tuple[str, ...]) -> str:
+    *section, name = names
+    name = name if name.isprintable() else _quoted(name)
+    return f"[{_dotted(section)}] {name}" if section else name
+
+
+def _either(options: Iterable[str]) -> str:
+    *others, last = options
+    return f"{', '.join(others)} or {last}" if others else last
+
+
+def _toml(value: Any) -> str:
+    if type(value) in (list, tuple):
+        return f"[{', '.join(map(_toml, value))}]"
+    return f'"{value}"'
+
+
+def _shown(value: object) -> str:
+    """Return a value as it stands in the file, or what it is."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if not isinstance(value, str | int | float):
+        return _NO_SCALAR.get(type(value), str(value))  # dates and times
+    text = repr(value)
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
+
+
+def _sort(value: object) -> str:
+    """Return what a value is."""
+    if type(value) in _NO_SCALAR:
+        return f"it is {_shown(value)}"
+    sort = _SCALAR.get(type(value), "a date or time")
+    return f"{_shown(value)} is {sort}"
+
+
+__all__ = ["worded"]
