@@ -10,6 +10,7 @@ from typing import Literal
 from inercal.errors import InputError
 
 Vector = tuple[float, float, float]
+_MOST_AXES = 3  # of a turntable
 _NOTICED = 0.15  # of a direction: a smaller part is not worth a word
 AXES: dict[str, Vector] = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
@@ -133,8 +134,102 @@ class Index:
         return f"head at {degrees(self.angle):.6g}°, {'forward' if self.sense > 0 else 'reverse'}"
 
 
+@dataclass(frozen=True)
+class Position:
+    """Bring the axes of a turntable to angles and stay there.
+
+    Parameters
+    ----------
+    label : str
+    angles : tuple of 1 to 3 float
+        rad, the outermost axis first; the nearest of all equal angles is where an axis goes.
+    seconds : float
+        Length of the stay.
+
+    Raises
+    ------
+    InputError
+        Other than one to three angles, an angle that is not finite, a stay that is not > 0.
+    """
+
+    label: str
+    angles: tuple[float, ...]
+    seconds: float
+
+    def __post_init__(self) -> None:
+        _refuse_angles(self.label, self.angles)
+        if not (isfinite(self.seconds) and self.seconds > 0):
+            raise InputError(f"position {self.label}: {self.seconds} s; give it > 0")
+
+    def in_words(self) -> str:
+        """Return what to do: "axes at 90°, 45°, 0°"."""
+        return f"{'axes' if len(self.angles) > 1 else 'axis'} at {_degrees(self.angles)}"
+
+
+@dataclass(frozen=True)
+class Rotation:
+    """Turn one axis of a turntable from where it stands, from rest to rest.
+
+    Parameters
+    ----------
+    label : str
+    axis : 0, 1 or 2
+        0 is the outermost.
+    angle : float
+        rad, right-handed about the axis; as many turns as are asked for.
+    rate : float
+        rad/s in the steady part, > 0; a turn too short to reach it stays below.
+    angles : tuple of float or None
+        rad, where all axes are brought first; None is where they stand.
+
+    Raises
+    ------
+    InputError
+        No such axis, an angle that is zero, a rate that is not > 0, or what is not finite.
+    """
+
+    label: str
+    axis: int
+    angle: float
+    rate: float
+    angles: tuple[float, ...] | None = None
+
+    def __post_init__(self) -> None:
+        if self.angles is not None:
+            _refuse_angles(self.label, self.angles)
+        if self.axis not in range(most := _MOST_AXES if self.angles is None else len(self.angles)):
+            raise InputError(f"rotation {self.label}: axis {self.axis}; it is 0 to {most - 1}")
+        if not isfinite(self.angle) or self.angle == 0:
+            raise InputError(f"rotation {self.label}: its angle is {self.angle}; give it not 0")
+        if not (isfinite(self.rate) and self.rate > 0):
+            raise InputError(f"rotation {self.label}: its rate is {self.rate} rad/s; give it > 0")
+
+    @property
+    def seconds(self) -> float:
+        """How long the angle takes at the rate; to speed up and to slow down come on top."""
+        return abs(self.angle) / self.rate
+
+    def in_words(self) -> str:
+        """Return what to do: "turn the outermost axis by +720° at 10 °/s"."""
+        turn = f"turn the {('outermost', 'second', 'third')[self.axis]} axis by "
+        turn += f"{degrees(self.angle):+.6g}° at {degrees(self.rate):.6g} °/s"
+        return turn if self.angles is None else f"{turn}, from {_degrees(self.angles)}"
+
+
 HandStep = Hold | Turn
-Step = HandStep | Spin | Index
+TableStep = Position | Rotation
+Step = HandStep | Spin | Index | TableStep
+
+
+def _refuse_angles(label: str, angles: tuple[float, ...]) -> None:
+    if not 1 <= len(angles) <= _MOST_AXES:
+        raise InputError(f"{label}: {len(angles)} angles; a turntable has one to three axes")
+    if not all(isfinite(angle) for angle in angles):
+        raise InputError(f"{label}: angles {angles} are not all finite")
+
+
+def _degrees(angles: tuple[float, ...]) -> str:
+    return ", ".join(f"{degrees(angle):.6g}°" for angle in angles)
 
 
 def direction(vector: Vector) -> str:
