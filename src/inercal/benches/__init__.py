@@ -4,7 +4,8 @@ from inercal.benches.centrifuge import Centrifuge
 from inercal.benches.dividing_head import DividingHead
 from inercal.benches.hand import Hand
 from inercal.benches.rate_table import RateTable
+from inercal.benches.turntable import Turntable
 
 Bench = Hand | Centrifuge | DividingHead | RateTable
 
-__all__ = ["Bench", "Centrifuge", "DividingHead", "Hand", "RateTable"]
+__all__ = ["Bench", "Centrifuge", "DividingHead", "Hand", "RateTable", "Turntable"]

@@ -1,0 +1,233 @@
+"""Attitude and motion of what stands on a turntable, exactly and to first order.
+
+C and what the readback says are as in `inercal.benches.turntable`. With u_i the axes' directions in
+the body, θ̇ their rates, Ω the earth's rate, r the lever arm and everything in the body::
+
+    ω = Cᵀ Ω + v,   v = Σ θ̇_i u_i,   u̇_i = u_i × Σ_{j>i} θ̇_j u_j
+    ω̇ = (Cᵀ Ω) × v + Σ θ̈_i u_i + θ̇_i u̇_i
+    f = g Cᵀ e_up + ω̇ × r + ω × (ω × r)
+
+so that f has the Euler, the centripetal and the earth's Coriolis acceleration. Gravity at r is
+taken as that where the axes cross; its gradient, 3 µm/s² a metre, is left out.
+
+What the readback does not tell turns the attitude by a rotation vector in the level frame::
+
+    C ≈ exp(Σ_j B_j β_j) C_ref,   C_ref from the readback, no lean, right angles
+
+where B is the unit vector that a lean, an azimuth or a right angle turns about, and, of harmonics,
+the axis' direction times −sin(hθ), −cos(hθ): readback too large means less was turned.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from inercal.benches.turntable import Turntable
+from inercal.earth import earth_rate_up_north
+from inercal.errors import InputError
+from inercal.motion import Motion
+from inercal.parameters import Parameter
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Misalignment:
+    """What turns the attitude away from what the readback says.
+
+    Parameters
+    ----------
+    parameters : tuple of q Parameter
+        Leans, azimuth, right angles, harmonics; of the azimuth β is what it is off its value.
+    by : (..., n, 3, q) array
+        Rotation vector in the level frame by each, rad/rad.
+    """
+
+    parameters: tuple[Parameter, ...]
+    by: Array
+
+
+def reference(bench: Turntable, angles: Array) -> Array:
+    """Return the attitude, body to level, that the readback says.
+
+    Parameters
+    ----------
+    bench : Turntable
+    angles : (..., n, k) array
+        Readback of the k axes, rad, the outermost first.
+
+    Returns
+    -------
+    (..., n, 3, 3) array
+        `mat_nb`, n the level frame.
+
+    Raises
+    ------
+    InputError
+        Angles of another number of axes.
+    """
+    return attitude(bench, angles, {})
+
+
+def attitude(bench: Turntable, angles: Array, q: Mapping[str, Array]) -> Array:
+    """Return the true attitude, body to level, `mat_nb`, (..., n, 3, 3).
+
+    Parameters
+    ----------
+    bench : Turntable
+    angles : (..., n, k) array
+        True angles, rad, the outermost axis first.
+    q : mapping of str to (...) array
+        The bench's parameters by name, SI; those missing are as declared.
+
+    Raises
+    ------
+    InputError
+        Angles of another number of axes.
+    """
+    return _turned(bench, angles, q)[0]
+
+
+def readback(bench: Turntable, angles: Array, q: Mapping[str, Array]) -> Array:
+    """Return what the axes read at true angles (..., n, k), rad, but for noise and delay."""
+    angles = _of_axes(bench, angles)
+    zero = np.zeros(())
+    columns: list[Array] = []
+    for i, name in enumerate(bench.names):
+        said = theta = angles[..., i]
+        for h in range(1, len(bench.harmonics) + 1):
+            sine, cosine = (np.asarray(q.get(f"{w}{h}[{name}]", zero)) for w in ("sin", "cos"))
+            said = (
+                said + sine[..., None] * np.sin(h * theta) + cosine[..., None] * np.cos(h * theta)
+            )
+        columns.append(said)
+    return np.stack(np.broadcast_arrays(*columns), axis=-1)
+
+
+def misalignment(bench: Turntable, angles: Array) -> Misalignment:
+    """Return how each parameter of the table turns the attitude at readback angles, to first order.
+
+    Parameters
+    ----------
+    bench : Turntable
+    angles : (..., n, k) array
+        Readback, rad, the outermost axis first.
+
+    Raises
+    ------
+    InputError
+        Angles of another number of axes.
+    """
+    angles = _of_axes(bench, angles)
+    east, north, up = np.eye(3)
+    by: dict[str, Array] = {"lean_x": east, "lean_y": north, "azimuth": -up}
+    mat = _base(bench, {})
+    letters = ["xyz".index(a) for a in bench.axes]
+    between = [*_between(bench), None]
+    for i, (name, axis, third) in enumerate(zip(bench.names, letters, between, strict=True)):
+        mat = mat @ _rotation(axis, angles[..., i])
+        for h in range(1, len(bench.harmonics) + 1):
+            phase = h * angles[..., i, None]
+            by[f"sin{h}[{name}]"] = -np.sin(phase) * mat[..., axis]
+            by[f"cos{h}[{name}]"] = -np.cos(phase) * mat[..., axis]
+        if third is not None:
+            by[f"square_{i + 1}"] = mat[..., third]
+    parameters = tuple(p for p in bench.parameters if p.name in by)
+    columns = np.broadcast_arrays(
+        np.zeros((*angles.shape[:-1], 3)), *(by[p.name] for p in parameters)
+    )
+    return Misalignment(parameters, np.stack(columns[1:], axis=-1))
+
+
+def motion(
+    bench: Turntable, angles: Array, rates: Array, accelerations: Array, q: Mapping[str, Array]
+) -> Motion:
+    """Return f, ω and its derivative, (..., n, 3) each, at the IMU's centre, exactly.
+
+    Parameters
+    ----------
+    bench : Turntable
+    angles, rates, accelerations : (..., n, k) arrays
+        True, of the axes, rad, rad/s, rad/s², the outermost first.
+    q : mapping of str to (...) array
+        The bench's parameters by name, SI; those missing are as declared.
+
+    Raises
+    ------
+    InputError
+        Angles of another number of axes.
+    """
+    mat, axes = _turned(bench, angles, q)
+    up, north = earth_rate_up_north(bench.latitude)
+    earth = north * mat[..., 1, :] + up * mat[..., 2, :]
+    v, dv = np.zeros_like(earth), np.zeros_like(earth)
+    for i in reversed(range(len(bench.axes))):  # v is then of the axes within the i-th
+        u = axes[i]
+        dv = dv + accelerations[..., i, None] * u + rates[..., i, None] * _cross(u, v)
+        v = v + rates[..., i, None] * u
+    w, dw = earth + v, _cross(earth, v) + dv
+    f = _value(bench, q, "g")[..., None, None] * mat[..., 2, :]
+    lever = np.stack(
+        np.broadcast_arrays(*(_value(bench, q, f"lever_{a}") for a in "xyz")), axis=-1
+    )[..., None, :]
+    if lever.any():
+        f = f + _cross(dw, lever) + _cross(w, _cross(w, lever))
+    return Motion(f, w, dw)
+
+
+def _turned(bench: Turntable, angles: Array, q: Mapping[str, Array]) -> tuple[Array, list[Array]]:
+    """Return the attitude, and each axis' direction in the body, (..., n, 3)."""
+    angles = _of_axes(bench, angles)
+    letters = ["xyz".index(a) for a in bench.axes]
+    within: Array = np.eye(3)  # the rotation of all that follows an axis
+    axes: list[Array] = []
+    for i in reversed(range(len(letters))):
+        if i + 1 < len(letters):
+            third, size = _between(bench)[i], _value(bench, q, f"square_{i + 1}")
+            within = _rotation(third, size)[..., None, :, :] @ within
+        axes.append(within[..., letters[i], :])
+        within = _rotation(letters[i], angles[..., i]) @ within
+    return _base(bench, q) @ within, axes[::-1]
+
+
+def _base(bench: Turntable, q: Mapping[str, Array]) -> Array:
+    """Return T, (..., 1, 3, 3)."""
+    x, y, azimuth = (_value(bench, q, name) for name in ("lean_x", "lean_y", "azimuth"))
+    return (_rotation(0, x) @ _rotation(1, y) @ _rotation(2, -azimuth))[..., None, :, :]
+
+
+def _between(bench: Turntable) -> list[int]:
+    """Return the axis that is neither of each two neighbours: they miss a right angle about it."""
+    return [3 - "xyz".index(a) - "xyz".index(b) for a, b in pairwise(bench.axes)]
+
+
+def _value(bench: Turntable, q: Mapping[str, Array], name: str) -> Array:
+    return np.asarray(q[name] if name in q else bench.nuisances()[name].value, dtype=float)
+
+
+def _rotation(axis: int, angle: ArrayLike) -> Array:
+    """Return rotations by angles (...) about one axis, (..., 3, 3)."""
+    angle = np.asarray(angle, dtype=float)
+    j, k = (axis + 1) % 3, (axis + 2) % 3
+    mat = np.zeros((*angle.shape, 3, 3))
+    mat[..., axis, axis] = 1
+    mat[..., j, j] = mat[..., k, k] = np.cos(angle)
+    mat[..., k, j] = np.sin(angle)
+    mat[..., j, k] = -mat[..., k, j]
+    return mat
+
+
+def _cross(a: Array, b: Array) -> Array:
+    (ax, ay, az), (bx, by, bz) = np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
+
+
+def _of_axes(bench: Turntable, angles: Array) -> Array:
+    angles = np.asarray(angles, dtype=float)
+    k = len(bench.axes)
+    if angles.shape[-1:] != (k,):
+        raise InputError(f"turntable: angles {angles.shape} are not of its {k} axes, (..., {k})")
+    return angles
