@@ -1,0 +1,141 @@
+"""The path of a turntable from a table in a file, one row a step.
+
+Columns are named in the header, quantities with their unit; cells that a step has no use for stay
+empty::
+
+    label, kind,     outer [°], middle [°], inner [°], seconds [s], axis,   angle [°], rate [°/s]
+    p1,    position, 0,         90,         0,         90,          ,       ,
+    x+,    rotation, ,          ,           ,          ,            middle, 720,       10
+
+A rotation whose row has the axes' angles brings them there first.
+"""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.errors import InputError
+from inercal.io.read import read_table
+from inercal.io.table import Table
+from inercal.plan import Position, Rotation, TableStep
+from inercal.units import factor
+
+Array = NDArray[np.float64]
+_WORDS = ("label", "kind", "axis")
+_LIKE = {"seconds": "s", "angle": "°", "rate": "°/s"}
+_HEADED = re.compile(r"(\w+) *\[(.+)\]")
+
+
+def read_path(path: str | Path, axes: Sequence[str]) -> tuple[TableStep, ...]:
+    """Read a path.
+
+    Parameters
+    ----------
+    path : path
+    axes : sequence of str
+        Names of the table's axes, outermost first, as `Turntable.names`.
+
+    Raises
+    ------
+    InputError
+        One line that names the file and the line: a column that is none, or a step that is not
+        whole.
+    """
+    path = Path(path)
+    table = read_table(path, text=_WORDS)
+    numbers = _quantities(path, table, axes)
+    words = {
+        name: [str(cell).strip() for cell in table.columns[name]]
+        for name in _WORDS
+        if name in table.columns
+    }
+    rows = len(words["label"])
+    steps: list[TableStep] = []
+    for row in range(rows):
+        own = {name: values[row] for name, values in words.items()}
+        size = {name: float(values[row]) for name, values in numbers.items()}
+        try:
+            steps.append(_step(own, size, axes))
+            if own["label"] in words["label"][:row]:
+                raise InputError(f"label {own['label']!r} comes twice")
+        except InputError as error:
+            where = f"line {table.first_line + row}" if table.first_line else f"row {row + 1}"
+            raise InputError(f"{path.name} {where}: {error}") from None
+    return tuple(steps)
+
+
+def _quantities(path: Path, table: Table, axes: Sequence[str]) -> dict[str, Array]:
+    """Return the columns of numbers, SI, by name; all columns are known afterwards."""
+    likes = dict.fromkeys(axes, "°") | _LIKE
+    found: dict[str, Array] = {}
+    for header in table.names:
+        if header in _WORDS:
+            continue
+        headed = _HEADED.fullmatch(header)
+        name = headed[1] if headed else header
+        if name not in likes:
+            possible = (*_WORDS, *(f"{name} [{like}]" for name, like in likes.items()))
+            raise InputError(
+                f"{path.name}: no column {header!r} is known, but {', '.join(possible)}"
+            )
+        if headed is None:
+            raise InputError(f"{path.name}: column {name!r} needs a unit: {name} [{likes[name]}]")
+        if name in found:
+            raise InputError(f"{path.name}: column {name!r} comes twice")
+        try:
+            size = factor(headed[2], likes[name])
+        except InputError as error:
+            raise InputError(f"{path.name}: column {header!r}: {error}") from None
+        found[name] = size * table.numbers(header)
+    for name in ("label", "kind"):
+        if name not in table.names:
+            raise InputError(f"{path.name}: no column {name!r}; it has {', '.join(table.names)}")
+    return found
+
+
+def _step(words: dict[str, str], size: dict[str, float], axes: Sequence[str]) -> TableStep:
+    label, kind = words["label"], words["kind"]
+    if not label:
+        raise InputError("a step needs a label")
+    if kind == "position":
+        _refuse_needless(words, size, "position", ("axis", "angle", "rate"))
+        angles = _angles(size, axes)
+        if angles is None:
+            raise InputError(f"position {label}: give the angles of {', '.join(axes)}")
+        return Position(label, angles, _given(size, "seconds", label))
+    if kind != "rotation":
+        raise InputError(f"kind {kind!r}; it is position or rotation")
+    _refuse_needless(words, size, "rotation", ("seconds",))
+    axis = words.get("axis", "")
+    if axis not in axes:
+        raise InputError(f"rotation {label}: axis {axis!r}; it is {' or '.join(axes)}")
+    angle, rate = _given(size, "angle", label), _given(size, "rate", label)
+    return Rotation(label, axes.index(axis), angle, rate, _angles(size, axes))
+
+
+def _angles(size: dict[str, float], axes: Sequence[str]) -> tuple[float, ...] | None:
+    """Return the axes' angles; None where all cells are empty."""
+    angles = tuple(size.get(axis, np.nan) for axis in axes)
+    if np.isnan(angles).all():
+        return None
+    if np.isnan(angles).any():
+        raise InputError(f"give the angles of all axes, {', '.join(axes)}, or of none")
+    return angles
+
+
+def _given(size: dict[str, float], name: str, label: str) -> float:
+    value = size.get(name, np.nan)
+    if np.isnan(value):
+        raise InputError(f"{label}: {name} is missing")
+    return value
+
+
+def _refuse_needless(
+    words: dict[str, str], size: dict[str, float], kind: str, names: Sequence[str]
+) -> None:
+    for name in names:
+        if words.get(name) or not np.isnan(size.get(name, np.nan)):
+            raise InputError(f"a {kind} has no {name}: leave the cell empty")

@@ -1,0 +1,74 @@
+"""Paths of a three-axis table Z, X, Y (outer to inner), as data.
+
+"paper" warms up, holds ten positions for the accelerometers, turns 720° at 10 °/s about each axis
+for the gyros and rests. The figure of its source's positions is lost: these ten are a
+reconstruction. "fast" turns ±1080° at 30 °/s in the same time. "discrete" has each body axis up and
+down and turns ±1080° at 30 °/s about the vertical in each of these six.
+
+Source: Liu Zhiwei, Cui Min, Zhang Peng, Xu Wenwu (North University of China), fast MIMU calibration
+system.
+"""
+
+from collections.abc import Callable, Mapping
+from math import radians
+
+from inercal.plan import Position, Rotation, TableStep
+
+_HOME = (0.0, 0.0, 0.0)
+# Degrees: outer, middle, inner.
+_TEN = (
+    (0, 0, 0), (0, 90, 0), (0, 180, 0), (0, 270, 0), (0, 0, 90),
+    (0, 0, -90), (90, 45, 0), (90, 0, 45), (180, 45, 90), (180, -45, 45),
+)  # fmt: skip
+# By the body axis that is up.
+_SIX = {
+    "z_p": (0, 0, 0), "y_p": (0, 90, 0), "z_a": (0, 180, 0), "y_a": (0, 270, 0),
+    "x_a": (0, 0, 90), "x_p": (0, 0, -90),
+}  # fmt: skip
+_AXIS = {"x": 1, "y": 2, "z": 0}
+_WARM_UP = Position("warm-up", _HOME, 120.0)
+_REST = Position("rest", _HOME, 72.0)
+_SLOW, _FAST = radians(10), radians(30)  # rad/s
+_TWICE, _THRICE = radians(720), radians(1080)
+
+
+def paper(seconds: float = 90.0) -> tuple[TableStep, ...]:
+    """Return the path of the source, with positions of so many seconds."""
+    turns = (Rotation(f"{x}+", axis, _TWICE, _SLOW, _HOME) for x, axis in _AXIS.items())
+    return (_WARM_UP, *_positions(seconds), *turns, _REST)
+
+
+def fast(seconds: float = 90.0) -> tuple[TableStep, ...]:
+    """Return the same path with turns of 30 °/s there and back."""
+    turns = (
+        Rotation(f"{x}{sign}", axis, angle, _FAST, _HOME)
+        for x, axis in _AXIS.items()
+        for sign, angle in (("+", _THRICE), ("-", -_THRICE))
+    )
+    return (_WARM_UP, *_positions(seconds), *turns, _REST)
+
+
+def discrete(seconds: float = 90.0) -> tuple[TableStep, ...]:
+    """Return six positions of so many seconds, with steady rates about the vertical in each."""
+    steps: list[TableStep] = [_WARM_UP]
+    for name, degrees in _SIX.items():
+        outer, middle, inner = map(radians, degrees)
+        steps.append(Position(name, (outer, middle, inner), seconds))
+        steps.append(Rotation(f"{name}+", 0, _THRICE, _FAST))
+        steps.append(Rotation(f"{name}-", 0, -_THRICE, _FAST))
+    return tuple(steps)
+
+
+def _positions(seconds: float) -> list[Position]:
+    return [
+        Position(f"p{k}", (radians(outer), radians(middle), radians(inner)), seconds)
+        for k, (outer, middle, inner) in enumerate(_TEN, start=1)
+    ]
+
+
+PATHS: Mapping[str, Callable[[float], tuple[TableStep, ...]]] = {
+    "paper": paper,
+    "fast": fast,
+    "discrete": discrete,
+}
+"""By name, of the seconds that a position lasts."""

@@ -1,0 +1,152 @@
+"""The paths of a three-axis table, and paths read from a file."""
+
+from math import degrees, pi, radians
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.accuracy import turntable as made
+
+from inercal.benches import Turntable
+from inercal.benches.path_file import read_path
+from inercal.benches.turntable_attitude import reference
+from inercal.benches.turntable_paths import PATHS, discrete, fast, paper
+from inercal.benches.turntable_run import seconds_on_turntable, travel
+from inercal.errors import InputError
+from inercal.plan import Position, Rotation
+from inercal.units import Measured
+
+BENCH = Turntable(Measured(9.81, 0.0), radians(38))
+AXES = BENCH.names
+HEADER = "label,kind,outer [°],middle [°],inner [°],seconds [s],axis,angle [°],rate [°/s]\n"
+GOOD = (
+    HEADER
+    + "warm-up,position,0,0,0,120,,,\n"
+    + "p1,position,0,90,-45,90,,,\n"
+    + "x+,rotation,,,,,middle,720,10\n"
+    + "z-,rotation,0,0,0,,outer,-1080,30\n"
+)
+
+
+def test_positions_are_those_of_the_generator():
+    held = [step for step in paper() if isinstance(step, Position)]
+    assert held[0].label == "warm-up"
+    for step, (name, angles, seconds) in zip(held[1:11], made.positions(), strict=True):
+        assert (step.label, step.seconds) == (name, seconds)
+        assert step.angles == tuple(map(radians, angles))
+    assert (held[-1].label, held[-1].seconds) == ("rest", 72)
+
+
+def test_turns_are_those_of_the_generator():
+    for steps, path in (
+        (paper(), made.turns()),
+        (fast(), made.turns(1080.0, 30.0, back=True)),
+    ):
+        turns = [step for step in steps if isinstance(step, Rotation)]
+        for step, turn in zip(turns, (t for t in path if len(t) == 4), strict=True):
+            assert (step.label, step.axis) == turn[:2]
+            assert degrees(step.angle) == pytest.approx(turn[2])
+            assert degrees(step.rate) == pytest.approx(turn[3])
+
+
+def test_paths_take_the_time_that_is_told_of_them():
+    minutes = {name: seconds_on_turntable(BENCH, path(90.0)) / 60 for name, path in PATHS.items()}
+    assert minutes["paper"] == pytest.approx(22.6, abs=0.1)
+    assert minutes["fast"] == pytest.approx(minutes["paper"], abs=0.2)
+    assert minutes["discrete"] == pytest.approx(19, abs=0.3)
+
+
+def test_discrete_has_each_axis_up_and_down_and_turns_about_it():
+    steps = discrete()
+    way = travel(BENCH, steps)
+    found: dict[str, float] = {}
+    for label, end in zip(way.labels, way.ends, strict=True):
+        if label.endswith(("_p", "_a")):
+            (mat,) = reference(BENCH, way.at(np.array([end]))[0])
+            axis = "xyz".index(label[0])
+            found[label] = mat[2, axis]
+    assert found == pytest.approx({f"{a}_{s}": v for a in "xyz" for s, v in (("p", 1), ("a", -1))})
+    turns = [step for step in steps if isinstance(step, Rotation)]
+    assert len(turns) == 12
+    assert {step.axis for step in turns} == {0}
+    assert sum(step.angle for step in turns) == 0
+
+
+@pytest.mark.parametrize("name", PATHS)
+def test_labels_come_once(name: str):
+    labels = [step.label for step in PATHS[name](90.0)]
+    assert len(set(labels)) == len(labels)
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "path.csv"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_a_file_is_read_as_steps(tmp_path: Path):
+    steps = read_path(written(tmp_path, GOOD), AXES)
+    assert steps == (
+        Position("warm-up", (0.0, 0.0, 0.0), 120.0),
+        Position("p1", (0.0, pi / 2, -pi / 4), 90.0),
+        Rotation("x+", 1, 4 * pi, radians(10)),
+        Rotation("z-", 0, -6 * pi, radians(30), (0.0, 0.0, 0.0)),
+    )
+    assert seconds_on_turntable(BENCH, steps) > 210
+
+
+def test_units_are_those_of_the_header(tmp_path: Path):
+    text = "label,kind,outer [rad],seconds [min],axis,angle [rev],rate [rpm]\n"
+    text += "a,position,1.5,2,,,\nb,rotation,,,outer,3,5\n"
+    held, turned = read_path(written(tmp_path, text), ("outer",))
+    assert held == Position("a", (1.5,), 120.0)
+    assert isinstance(turned, Rotation)
+    assert turned.angle == pytest.approx(6 * pi)
+    assert turned.rate == pytest.approx(pi / 6)
+
+
+def test_positions_alone_need_no_other_columns(tmp_path: Path):
+    text = "label,kind,outer [°],middle [°],inner [°],seconds [s]\np,position,1,2,3,4\n"
+    assert len(read_path(written(tmp_path, text), AXES)) == 1
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("p1,position", "p1,hold", "path.csv line 3: kind 'hold'; it is position or rotation"),
+        ("p1,position", "warm-up,position", "path.csv line 3: label 'warm-up' comes twice"),
+        ("p1,position", ",position", "path.csv line 3: a step needs a label"),
+        ("0,90,-45", "0,,-45", "path.csv line 3: give the angles of all axes, outer, middle"),
+        ("0,90,-45,90", ",,,90", "path.csv line 3: position p1: give the angles of outer"),
+        ("-45,90,", "-45,,", "path.csv line 3: p1: seconds is missing"),
+        ("-45,90,", "-45,-90,", "path.csv line 3: position p1: -90.0 s; give it > 0"),
+        ("-45,90,", "-45,soon,", "path.csv line 3, column 'seconds .s.': 'soon' is not a number"),
+        ("-45,90,,,", "-45,90,,30,", "path.csv line 3: a position has no angle"),
+        ("middle,720", "third,720", "line 4: rotation x+: axis 'third'; it is outer or middle"),
+        (",,middle", "7,,middle", "path.csv line 4: give the angles of all axes"),
+        (",middle,720", "9,middle,720", "path.csv line 4: a rotation has no seconds"),
+        ("720,10", "0,10", "path.csv line 4: rotation x+: its angle is 0"),
+        ("720,10", "720,-10", "path.csv line 4: rotation x+: its rate is -0.17"),
+        ("720,10", "720,", "path.csv line 4: x+: rate is missing"),
+        ("720,10", "inf,10", "path.csv line 4: rotation x+: its angle is inf"),
+        ("rate [°/s]", "rate", "path.csv: column 'rate' needs a unit: rate .°/s."),
+        ("rate [°/s]", "rate [m]", "path.csv: column 'rate .m.': .*expected"),
+        ("rate [°/s]", "speed [°/s]", "path.csv: no column 'speed .°/s.' is known, but label"),
+        ("rate [°/s]", "angle [rad]", "path.csv: column 'angle' comes twice"),
+        ("kind", "sort [s]", "no column 'sort .s.' is known"),
+    ],
+)
+def test_what_is_wrong_is_named_with_its_line(tmp_path: Path, old: str, new: str, words: str):
+    assert old in GOOD
+    with pytest.raises(InputError, match=words.replace("+", r"\+")) as caught:
+        read_path(written(tmp_path, GOOD.replace(old, new, 1)), AXES)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_without_kinds_is_refused(tmp_path: Path):
+    with pytest.raises(InputError, match="no column 'kind'; it has label"):
+        read_path(written(tmp_path, "label,outer [°]\np,1\n"), ("outer",))
+    with pytest.raises(InputError, match="no column 'label'"):
+        read_path(written(tmp_path, "kind,outer [°]\nposition,1\n"), ("outer",))
+    with pytest.raises(InputError, match="cannot be read"):
+        read_path(tmp_path / "none.csv", AXES)
