@@ -17,12 +17,14 @@ from inercal.benches.table_moves import Course, follow, move
 from inercal.benches.turntable import Turntable
 from inercal.benches.turntable_attitude import motion, readback
 from inercal.errors import InputError
+from inercal.io.table import blocks
 from inercal.motion import Motion
 from inercal.plan import Position, Rotation, TableStep
 
 Array = NDArray[np.float64]
 _THERE = 1e-12  # rad: an axis that near need not move
-_ROUNDED = 1e-6  # of a sample
+_ROUNDED = 1e-6  # of a sample, of a rate
+_BLOCK = 1 << 13  # samples at a time: their matrices stay in the cache
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,13 +162,13 @@ def perform_on_turntable(
     declared = bench.nuisances()
     drawn = {n: p.value + p.sd * rng.standard_normal(trials) for n, p in declared.items()}
     stamps = time if readback_hz is None else _stamps(time[-1], readback_hz)
-    true = way.at(time)
     f, w, dw = (np.empty((trials, time.size, 3)) for _ in range(3))
     said = np.empty((trials, time.size, len(bench.axes)))
     for k in range(trials):
         q = {name: values[k] for name, values in drawn.items()}
-        made = motion(bench, *true, q)
-        f[k], w[k], dw[k] = made.f, made.w, made.dw
+        for part in blocks(time.size, _BLOCK):
+            made = motion(bench, *way.at(time[part]), q)
+            f[k, part], w[k, part], dw[k, part] = made.f, made.w, made.dw
         said[k] = _said(bench, way, stamps, time, q, rng)
     performance = Performance(time, Motion(f, w, dw), labels, drawn)
     return performance, {name: said[..., i] for i, name in enumerate(bench.names)}
