@@ -29,6 +29,7 @@ SECTIONS: dict[str, type[BaseModel]] = {
     "[bench], on a centrifuge": schema.CentrifugeSection,
     "[bench], on a dividing head": schema.DividingHeadSection,
     "[bench], on a rate table": schema.RateTableSection,
+    "[bench], on a turntable": schema.TurntableSection,
     "[data]": schema.DataSection,
     "[method]": schema.MethodSection,
     "[method.search]": schema.SearchSection,

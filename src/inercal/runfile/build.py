@@ -4,8 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
-from inercal.benches import Bench, Centrifuge, DividingHead, Hand, RateTable
+from inercal.benches import Bench, Centrifuge, DividingHead, Hand, RateTable, Turntable
 from inercal.benches.dividing_head import mounted
+from inercal.benches.table_moves import Limits
 from inercal.earth import earth_rate_up_north, normal_gravity
 from inercal.errors import InputError
 from inercal.io.read import read_table
@@ -16,6 +17,7 @@ from inercal.runfile.schema import (
     RateTableSection,
     ReadoutSection,
     SensorSection,
+    TurntableSection,
 )
 from inercal.sensors import Noise, Readout, Sensor, imu, triad
 from inercal.units import Measured, factor, parse
@@ -117,7 +119,7 @@ def measured(text: str, like: str, key: str) -> Measured:
         raise InputError(f"{key}: {error}") from None
 
 
-def build_bench(section: BenchSection, folder: Path) -> Bench:
+def build_bench(section: BenchSection, folder: Path) -> Bench | Turntable:
     """Return the bench; files that it names lie in `folder`."""
     if isinstance(section, CentrifugeSection):
         return _centrifuge(section)
@@ -125,6 +127,8 @@ def build_bench(section: BenchSection, folder: Path) -> Bench:
         return _dividing_head(section, folder)
     if isinstance(section, RateTableSection):
         return _rate_table(section)
+    if isinstance(section, TurntableSection):
+        return _turntable(section)
     latitude = None
     if section.latitude is not None:
         latitude = si_value(section.latitude, "°", "[bench] latitude")
@@ -151,6 +155,52 @@ def _rate_table(section: RateTableSection) -> RateTable:
         speed=_deviation(section, "speed", "1"),
         lean=_small(section, "lean"),
     )
+
+
+def _turntable(section: TurntableSection) -> Turntable:
+    if section.latitude is None:
+        raise InputError("[bench] latitude is missing: gyros on a turntable feel the earth's rate")
+    x, y, z = (measured(arm, "m", "[bench] lever") for arm in section.lever)
+    key = "[bench] harmonics"
+    harmonics = tuple(si_value(text, "°", key) for text in section.harmonics)
+    if not all(0 <= sd <= _LARGEST_TILT for sd in harmonics):
+        raise InputError(f"{key}: {', '.join(section.harmonics)}: give each from 0 to 1°")
+    return Turntable(
+        gravity=_gravity(section),
+        latitude=si_value(section.latitude, "°", "[bench] latitude"),
+        azimuth=measured(section.azimuth, "°", "[bench] azimuth"),
+        axes=section.axes,
+        lean=_small(section, "lean"),
+        square=_small(section, "square"),
+        harmonics=harmonics,
+        white=_small(section, "noise"),
+        latency=measured(section.latency, "s", "[bench] latency"),
+        clock=_deviation(section, "clock", "1"),
+        lever=(x, y, z),
+        limits=_limits(section),
+    )
+
+
+def _limits(section: TurntableSection) -> tuple[Limits, ...]:
+    """Return the limits of all axes alike, or of each where one key has several."""
+    likes = {"rate": "°/s", "acceleration": "°/s²", "jerk": "°/s³"}
+    stated: dict[str, tuple[str, ...]] = {name: getattr(section, name) for name in likes}
+    axes = max(map(len, stated.values()))
+    each: dict[str, list[float | None]] = {}
+    for name, texts in stated.items():
+        values = [si_value(text, likes[name], f"[bench] {name}") for text in texts]
+        if not values and name == "jerk":
+            each[name] = [None] * axes
+        elif len(values) in (1, axes):
+            each[name] = [*values] * (axes // len(values))
+        else:
+            raise InputError(f"[bench] {name}: {len(values)} limits; give one for all axes or each")
+    made: list[Limits] = []
+    for rate, acceleration, jerk in zip(*each.values(), strict=True):
+        assert rate is not None  # only a jerk may be without limit
+        assert acceleration is not None
+        made.append(Limits(rate, acceleration, jerk))
+    return tuple(made)
 
 
 def _dividing_head(section: DividingHeadSection, folder: Path) -> DividingHead:

@@ -113,13 +113,34 @@ class RateTableSection(_BenchSection):
     lean: str = "0.05 °"
 
 
+class TurntableSection(_BenchSection):
+    """[bench]: a turntable of one to three axes."""
+
+    kind: Literal["turntable"]
+    axes: str = Field("zxy", description="body axes that the axes turn about, outermost first")
+    azimuth: str = "0 ° ± 0.1 °"
+    lean: str = "5 ″"
+    square: str = "2 ″"
+    harmonics: tuple[str, ...] = ("2 ″", "1 ″")
+    noise: str = "0.5 ″"
+    latency: str = "0 ms ± 5 ms"
+    clock: str = "0 ppm"
+    lever: tuple[str, str, str] = ("0 mm", "0 mm", "0 mm")
+    rate: tuple[str, ...] = Field(("30 °/s",), description="limit of all axes, or of each")
+    acceleration: tuple[str, ...] = ("30 °/s²",)
+    jerk: tuple[str, ...] = Field((), description="limit; without one the rate is a trapezoid")
+
+
 BENCHES: dict[str, type[_BenchSection]] = {
     "hand": HandSection,
     "centrifuge": CentrifugeSection,
     "dividing_head": DividingHeadSection,
     "rate_table": RateTableSection,
+    "turntable": TurntableSection,
 }
-BenchSection = HandSection | CentrifugeSection | DividingHeadSection | RateTableSection
+BenchSection = (
+    HandSection | CentrifugeSection | DividingHeadSection | RateTableSection | TurntableSection
+)
 
 
 class DataSection(_Section):

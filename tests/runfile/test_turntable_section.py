@@ -1,0 +1,94 @@
+"""The section of a turntable in a run file, and the bench that is built from it."""
+
+from math import pi, radians
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.runfile.texts import FERRARIS
+
+from inercal.benches import Turntable
+from inercal.errors import InputError
+from inercal.runfile import read
+from inercal.runfile.build import build_bench
+from inercal.runfile.schema import TurntableSection
+from inercal.units import Measured
+
+ARCSEC = radians(1 / 3600)
+HERE = Path()
+
+
+def built(**keys: Any) -> Turntable:
+    section = TurntableSection.model_validate({"kind": "turntable", "latitude": "38 °"} | keys)
+    bench = build_bench(section, HERE)
+    assert isinstance(bench, Turntable)
+    return bench
+
+
+def test_defaults_are_of_an_ordinary_table():
+    bench = built()
+    assert bench.gravity.value == pytest.approx(9.80, abs=0.01)
+    assert bench.gravity.sd == 4e-4
+    assert bench.latitude == pytest.approx(radians(38))
+    assert bench.azimuth.value == 0
+    assert bench.azimuth.sd == pytest.approx(radians(0.1))
+    assert (bench.lean, bench.square) == pytest.approx((5 * ARCSEC, 2 * ARCSEC))
+    assert bench.harmonics == pytest.approx((2 * ARCSEC, ARCSEC))
+    assert bench.white == pytest.approx(0.5 * ARCSEC)
+    assert bench.latency == Measured(0.0, 5e-3)
+    (limits,) = bench.limits
+    assert (limits.rate, limits.acceleration) == pytest.approx((pi / 6, pi / 6))
+    assert limits.jerk is None
+
+
+def test_each_axis_may_have_limits_of_its_own():
+    bench = built(rate=("60 °/s", "60 °/s", "120 °/s"), jerk=("300 °/s³",))
+    assert [limits.rate for limits in bench.limits] == pytest.approx([pi / 3, pi / 3, 2 * pi / 3])
+    assert [limits.acceleration for limits in bench.limits] == pytest.approx([pi / 6] * 3)
+    assert [limits.jerk for limits in bench.limits] == pytest.approx([radians(300)] * 3)
+
+
+def test_values_and_axes_are_as_stated():
+    bench = built(axes="z", clock="20 ppm", lever=("80 mm ± 1 mm", "0 mm", "15 mm"))
+    assert bench.names == ("outer",)
+    assert bench.clock == pytest.approx(20e-6)
+    assert bench.lever == (Measured(0.08, 0.001), Measured(0.0, 0.0), Measured(0.015, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ({"latitude": None, "gravity": "9.8 m/s²"}, "latitude is missing: gyros"),
+        ({"axes": "zz"}, "axes are 'zz'"),
+        ({"latitude": "91 °"}, "latitude 91° is outside"),
+        ({"lean": "2 °"}, "lean: '2 °' is more than a bench can lean"),
+        ({"harmonics": ("2 °",)}, "harmonics: 2 °: give each from 0 to 1°"),
+        ({"clock": "-1 ppm"}, "clock: '-1 ppm' must not be negative"),
+        ({"rate": ("30 °/s", "30 °/s")}, "2 limits; give one for all or 3"),
+        ({"rate": ("30 °/s",) * 3, "jerk": ("1 °/s³",) * 2}, "jerk: 2 limits; give one for all"),
+        ({"rate": ()}, "rate: 0 limits; give one"),
+        ({"acceleration": ("0 °/s²",)}, "limit of acceleration is 0"),
+        ({"jerk": ("300 °/s²",)}, r"\[bench\] jerk"),
+        ({"latency": "2 °"}, r"\[bench\] latency"),
+    ],
+)
+def test_a_section_that_cannot_be_is_refused(keys: dict[str, Any], words: str):
+    with pytest.raises(InputError, match=words):
+        built(**keys)
+
+
+def test_a_method_of_another_bench_says_so(tmp_path: Path):
+    path = tmp_path / "run.toml"
+    path.write_text(FERRARIS.replace("[bench]", '[bench]\nkind = "turntable"'), encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        read(path)
+    assert "unknown key bench." in str(caught.value)
+    text = path.read_text(encoding="utf-8")
+    start = text.index("latitude")
+    own = text[start : text.index("\n", start)]
+    bench = text[text.index("[bench]") : text.index("[data]")]
+    path.write_text(
+        text.replace(bench, f'[bench]\nkind = "turntable"\n{own}\n\n'), encoding="utf-8"
+    )
+    with pytest.raises(InputError, match="method ferraris takes 'hand', not 'turntable'"):
+        read(path)
