@@ -232,6 +232,52 @@ class Passages:
 
 
 @dataclass(frozen=True, eq=False)
+class Track:
+    """The samples of a turntable's run in SI, for methods that follow them one by one.
+
+    Parameters
+    ----------
+    time : (n,) array
+        s, by the sensor's clock.
+    reading : (..., n, m) array
+        Of the sensor's axes after the nominal readout, m/s² or rad/s.
+    angles : (..., n, k) array
+        Readback of the table's axes, rad, the outermost first; turns are counted on.
+    hold : (n,) array of int
+        Number of the hold, from 0 on, that a sample belongs to; -1 while the table moves.
+
+    Raises
+    ------
+    InputError
+        Lengths that disagree.
+    """
+
+    time: Array
+    reading: Array
+    angles: Array
+    hold: Indices
+
+    def __post_init__(self) -> None:
+        n = self.time.size
+        if self.reading.shape[-2] != n or self.angles.shape[-2] != n or self.hold.shape != (n,):
+            raise InputError(
+                f"track: {n} times, readings {self.reading.shape}, angles {self.angles.shape} and "
+                f"holds {self.hold.shape} do not go together"
+            )
+
+    def slice(self, start: int, stop: int) -> "Track":
+        """Return samples start to stop (half open)."""
+        at = slice(start, stop)
+        return Track(
+            self.time[at], self.reading[..., at, :], self.angles[..., at, :], self.hold[at]
+        )
+
+    def trial(self, *index: int) -> "Track":
+        """Return one trial."""
+        return Track(self.time, self.reading[index], self.angles[index], self.hold)
+
+
+@dataclass(frozen=True, eq=False)
 class Observations:
     """Means over sections of a recording: one row per hold or turn.
 
@@ -257,6 +303,8 @@ class Observations:
         Variance that coarse steps of the channels add to each mean, within `covariance`.
     passages : Passages or None
         Between neighbouring rows, for methods that follow the rate from rest to rest.
+    track : Track or None
+        The samples themselves, for methods that follow them.
 
     Raises
     ------
@@ -276,6 +324,7 @@ class Observations:
     drift: Array | None = None
     rounding: Array | None = None
     passages: Passages | None = None
+    track: Track | None = None
 
     def __post_init__(self) -> None:
         r, m = len(self.labels), len(self.channels)

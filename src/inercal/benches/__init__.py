@@ -6,6 +6,6 @@ from inercal.benches.hand import Hand
 from inercal.benches.rate_table import RateTable
 from inercal.benches.turntable import Turntable
 
-Bench = Hand | Centrifuge | DividingHead | RateTable
+Bench = Hand | Centrifuge | DividingHead | RateTable | Turntable
 
 __all__ = ["Bench", "Centrifuge", "DividingHead", "Hand", "RateTable", "Turntable"]

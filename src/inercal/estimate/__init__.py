@@ -1,5 +1,6 @@
 """Estimation: a problem in, an estimate with covariance and its null space out. No sensor words."""
 
+from inercal.estimate.course import Course
 from inercal.estimate.factors import Gauge, Gaussian
 from inercal.estimate.least_squares import least_squares
 from inercal.estimate.linear import linear
@@ -10,6 +11,7 @@ from inercal.estimate.result import Estimate, Group
 
 __all__ = [
     "Cauchy",
+    "Course",
     "Estimate",
     "Gauge",
     "Gaussian",

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc, chdtri
 
 from inercal.errors import InputError
+from inercal.estimate.course import Course
 from inercal.estimate.nullspace import NullDirection
 from inercal.estimate.spread import Spread
 
@@ -96,6 +97,8 @@ class Estimate:
         excess already, `chi2` is counted before it, and no Birge ratio is applied.
     notes : tuple of str
         What the method has to say of the result, in words.
+    courses : tuple of Course
+        Of sequential estimators, how they came there (first trial).
     """
 
     names: tuple[str, ...]
@@ -115,6 +118,7 @@ class Estimate:
     iterations: NDArray[np.intp]
     groups: tuple[Group, ...] = ()
     notes: tuple[str, ...] = ()
+    courses: tuple[Course, ...] = ()
 
     @classmethod
     def of_formulas(

@@ -1,0 +1,45 @@
+"""What a sequential estimator found on its way, epoch after epoch."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """The course of one filter.
+
+    Parameters
+    ----------
+    name : str
+        Of the filter.
+    names : tuple of n str
+        Of what it estimates.
+    time : (e,) array
+        s, of each epoch.
+    value, std : (e, n) arrays
+        Estimates and standard deviations after the epoch.
+    innovation : (e, q) array
+        What was observed beyond what was expected.
+    nis : (e,) array
+        Normalised innovation squared of q components: q on the average, where all is as stated.
+    """
+
+    name: str
+    names: tuple[str, ...]
+    time: Array
+    value: Array
+    std: Array
+    innovation: Array
+    nis: Array
+
+    def joined(self, other: "Course") -> "Course":
+        """Return this course and one that follows it."""
+        pairs = (
+            np.concatenate([getattr(self, key), getattr(other, key)])
+            for key in ("time", "value", "std", "innovation", "nis")
+        )
+        return Course(self.name, self.names, *pairs)

@@ -1,0 +1,91 @@
+"""An IMU on a turntable, followed by two Kalman filters over one recording.
+
+* `full`: the gyros' and the accelerometers' filter with the drift of the biases, the delay of the
+  readback and the table's other declared errors as states.
+* `drift`: the same without right angles and harmonics: 19 and 25 states for 24 parameters.
+* `paper`: the source's, 15 and 18 states: its uncertainties are too small where the table errs.
+
+Both filters run over the whole recording, the accelerometers' one where the table holds. Their
+coefficients refer to the table's innermost axis frame: 24 in all. `Calibration.in_frame` turns them
+exactly into the 21 of a frame that is tied to the accelerometers.
+
+Source: Liu, Cui, Zhang and Xu (North University of China), fast calibration of a MIMU on a
+turntable with LabVIEW; its equations are lost in the copy at hand and rebuilt from its text. Drift,
+delay and the table's errors as states are ours.
+"""
+
+from collections.abc import Sequence
+
+from inercal.benches.turntable import Turntable
+from inercal.benches.turntable_paths import paper as paper_path
+from inercal.estimate import Estimate, Gaussian
+from inercal.methods._base import Method
+from inercal.methods.turntable_kalman.follow import WAYS, followed
+from inercal.plan import TableStep
+from inercal.recording import Observations
+from inercal.sensors import Sensor
+
+
+def full(
+    observations: Observations,
+    sensor: Sensor,
+    bench: Turntable,
+    steps: Sequence[TableStep],
+    priors: Sequence[Gaussian] = (),
+) -> Estimate:
+    """Return the coefficients by the filters that hold all that the bench declares.
+
+    Parameters
+    ----------
+    observations : Observations
+        With the track that the filters follow.
+    sensor : Sensor
+        Triads of gyros and of accelerometers; gyros alone are found too.
+    bench : Turntable
+    steps : sequence of Position or Rotation
+        Unused: the readback says what was done.
+    priors : sequence of Gaussian
+        On coefficients.
+
+    Raises
+    ------
+    InputError
+        No track, no rest at its start, or a sensor that the filters do not take.
+    NotObserved
+        Directions that the run does not decide.
+    """
+    return followed(observations, sensor, bench, priors, WAYS["full"])
+
+
+def drift(
+    observations: Observations,
+    sensor: Sensor,
+    bench: Turntable,
+    steps: Sequence[TableStep],
+    priors: Sequence[Gaussian] = (),
+) -> Estimate:
+    """Return the coefficients by filters of 19 and 25 states; arguments as of `full`."""
+    return followed(observations, sensor, bench, priors, WAYS["drift"])
+
+
+def paper(
+    observations: Observations,
+    sensor: Sensor,
+    bench: Turntable,
+    steps: Sequence[TableStep],
+    priors: Sequence[Gaussian] = (),
+) -> Estimate:
+    """Return the coefficients by the source's 15 and 18 states; arguments as of `full`."""
+    return followed(observations, sensor, bench, priors, WAYS["paper"])
+
+
+METHOD = Method(
+    name="turntable_kalman",
+    bench=Turntable,
+    finds={"f": ("bias", "scale", "misalignment"), "w": ("bias", "scale", "misalignment")},
+    also={"f": ("k2",), "w": ("g",)},
+    needs=("f", "w"),
+    plan=paper_path,
+    estimators={"full": full, "drift": drift, "paper": paper},
+    source="Liu, Cui, Zhang and Xu, North University of China (MIMU on a turntable)",
+)

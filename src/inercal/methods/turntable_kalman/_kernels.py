@@ -1,0 +1,561 @@
+"""Compiled: strapdown and both filters, sample by sample; their dense oracle stands in the tests.
+
+Level frame: east, north, up. C takes the body's frame to it, C_est = (I − [φ×]) C. Between samples
+rates are linear, with the second-order term of coning (Miller 1983, J. Guidance 6(4), 287–291).
+All state is in arrays that are changed in place, so that a recording may come in pieces.
+"""
+# Numba's decorator has no types.
+# pyright: reportUntypedFunctionDecorator=false
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from inercal.estimate.kalman import predict, update
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+# Of a sample: (1, f, ω, six products of f), as in `terms`.
+_FORCE, _RATE, _SQUARE = 1, 4, 7
+BASIS = 13
+# Where an acceleration begins or ends between two samples, a rate taken as linear makes an angle of
+# a Δt² s (1 − s)/2 at the share s of the step: 0.09 a Δt² rms over s. Second differences of five
+# standard deviations (25 × 6 variances of a sample) are taken for such.
+_KINK, _BENT = 0.09, 150.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def rotate(c: Array, v: Array) -> None:
+    """Turn C by the rotation vector v of the body, in place: C ← C exp [v×]."""
+    s = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+    angle = np.sqrt(s)
+    once = 1 - s / 6 + s * s / 120 if angle < 1e-2 else np.sin(angle) / angle
+    twice = 0.5 - s / 24 + s * s / 720 if angle < 1e-2 else (1 - np.cos(angle)) / s
+    for i in range(3):
+        a, b, d = c[i, 0], c[i, 1], c[i, 2]
+        # Rows of C times exp [v×]: a + once (a × v)ᵀ-wise + twice ((a × v) × v).
+        e = b * v[2] - d * v[1]
+        f = d * v[0] - a * v[2]
+        g = a * v[1] - b * v[0]
+        c[i, 0] = a + once * e + twice * (f * v[2] - g * v[1])
+        c[i, 1] = b + once * f + twice * (g * v[0] - e * v[2])
+        c[i, 2] = d + once * g + twice * (e * v[1] - f * v[0])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def turn_level(c: Array, v: Array) -> None:
+    """Turn C by the rotation vector v of the level frame, in place: C ← exp [v×] C."""
+    s = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+    angle = np.sqrt(s)
+    once = 1 - s / 6 + s * s / 120 if angle < 1e-2 else np.sin(angle) / angle
+    twice = 0.5 - s / 24 + s * s / 720 if angle < 1e-2 else (1 - np.cos(angle)) / s
+    for j in range(3):
+        a, b, d = c[0, j], c[1, j], c[2, j]
+        e = v[1] * d - v[2] * b
+        f = v[2] * a - v[0] * d
+        g = v[0] * b - v[1] * a
+        c[0, j] = a + once * e + twice * (v[1] * g - v[2] * f)
+        c[1, j] = b + once * f + twice * (v[2] * e - v[0] * g)
+        c[2, j] = d + once * g + twice * (v[0] * f - v[1] * e)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def apart(ref: Array, c: Array, z: Array) -> None:
+    """Write the rotation vector z of ref Cᵀ, in the level frame."""
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        up, down = 0.0, 0.0
+        for m in range(3):
+            up += ref[k, m] * c[j, m]
+            down += ref[j, m] * c[k, m]
+        z[i] = 0.5 * (up - down)
+    trace = 0.0
+    for i in range(3):
+        for m in range(3):
+            trace += ref[i, m] * c[i, m]
+    sine = np.sqrt(z[0] * z[0] + z[1] * z[1] + z[2] * z[2])
+    if sine > 1e-9:
+        angle = np.arctan2(sine, 0.5 * (trace - 1))
+        for i in range(3):
+            z[i] *= angle / sine
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _invert(m: Array, out: Array) -> None:
+    """Write the inverse of a 3 × 3 matrix."""
+    for i in range(3):
+        for j in range(3):
+            a, b = (j + 1) % 3, (j + 2) % 3
+            d, e = (i + 1) % 3, (i + 2) % 3
+            out[i, j] = m[a, d] * m[b, e] - m[a, e] * m[b, d]
+    det = m[0, 0] * out[0, 0] + m[0, 1] * out[1, 0] + m[0, 2] * out[2, 0]
+    for i in range(3):
+        for j in range(3):
+            out[i, j] /= det
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def matrix(nominal: Array, axis: Indices, weights: Array, c: Array, first: int, out: Array) -> None:
+    """Write M = (N + S)⁻¹, S the part of the coefficients that is linear in u (φ from `first`)."""
+    made = nominal.copy()
+    for m in range(axis.size):
+        for k in range(3):
+            made[axis[m], k] += c[m] * weights[m, first + k]
+    _invert(made, out)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _fill(phi: Array, f: Array) -> None:
+    """Write what depends on f into φ."""
+    phi[0] = 1.0
+    for k in range(3):
+        phi[_FORCE + k] = f[k]
+        phi[_SQUARE + k] = f[k] * f[k]
+    phi[_SQUARE + 3], phi[_SQUARE + 4] = f[0] * f[1], f[0] * f[2]
+    phi[_SQUARE + 5] = f[1] * f[2]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _wrong(
+    axis: Indices, weights: Array, c: Array, phi: Array, first: int, drift: Array, out: Array
+) -> None:
+    """Write what the coefficients add to a reading beside what is linear in u, and the drift."""
+    for i in range(3):
+        out[i] = drift[i]
+    for m in range(axis.size):
+        total = 0.0
+        for b in range(BASIS):
+            if b < first or b >= first + 3:
+                total += weights[m, b] * phi[b]
+        out[axis[m]] += c[m] * total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def gyros(
+    time: Array,
+    rates: Array,
+    epochs: Indices,
+    reference: Array,
+    beside: Array,
+    nominal: Array,
+    axis: Indices,
+    weights: Array,
+    earth: Array,
+    gravity: float,
+    noise: Array,
+    drift: Array,
+    correlation: float,
+    variance: float,
+    start: Array,
+    late: Indices,
+    realign: float,
+    c: Array,
+    theta: Array,
+    x: Array,
+    p: Array,
+    a: Array,
+    last: Array,
+    history: Array,
+) -> float:
+    """Run the gyros' filter over a piece of a recording; return the sum of NIS.
+
+    States: φ (3), p coefficients, drift of the biases (3), q of the table's parameters, of which
+    the first two may be latency and clock.
+
+    Parameters
+    ----------
+    time : (n,) array
+    rates : (n, 3) array
+        Readings, rad/s.
+    epochs : (e,) array
+        Samples at which readback is taken in, ascending.
+    reference : (e, 3, 3) array
+        Attitude by readback.
+    beside : (e, 3, q) array
+        How φ as it is observed moves with the table's parameters, level frame.
+    nominal, axis, weights
+        Of `terms`.
+    earth : (3,) array
+        Its rate in the level frame.
+    gravity : float
+        m/s²; what the gyros feel of force is its reaction.
+    noise : (3,) array
+        Variance of each gyro's angle, rad²/s.
+    drift : (3, 2) array
+        Of each bias: variance of its drift, (rad/s)², and of its walk, (rad/s)²/s.
+    correlation : float
+        Time of the drift, s.
+    variance : float
+        Of the attitude by readback, rad².
+    start : (4,) array
+        Variance of φ at an alignment; the epoch's time before, the time origin of the clock, and
+        whether an alignment is due.
+    late : (3,) array
+        Where latency, clock and azimuth stand among the states; -1 is not there.
+    realign : float
+        A step of time, s, beyond which the attitude is taken from readback anew.
+    c, theta, x, p : arrays
+        Attitude (3, 3), coefficients (p,), states (n,) and covariance (n, n): changed in place. The
+        part of x that stands for φ and coefficients is fed back and kept zero.
+    a : (3, n) array
+        The transition since the epoch before, changed in place.
+    last : (8,) array
+        Time and rate of the sample before, rate of the one before that, and the variance of φ by
+        kinks of the rate since the last epoch, rad²: changed in place.
+    history : (e, 4 + 2 n) array
+        Written at each epoch: z (3) before the update, NIS, the estimates (x with the coefficients
+        in their place, φ zero) and their variances.
+    """
+    count, n = axis.size, x.size
+    gm = 3 + count
+    m, phi, wrong = np.zeros((3, 3)), np.zeros(BASIS), np.zeros(3)
+    half, move, u, cm = np.zeros((3, 3)), np.zeros(3), np.zeros(3), np.zeros((3, 3))
+    keep, drawn, driven = np.ones(n), np.zeros(n), np.zeros((3, 3))
+    z, h, turn, fed = np.zeros(3), np.zeros((3, n)), np.zeros(3), np.zeros(3)
+    matrix(nominal, axis, weights, theta, _RATE, m)
+    total, e = 0.0, 0
+    for i in range(time.size):
+        dt = time[i] - last[0]
+        if dt > realign:
+            start[3] = 1.0
+        for k in range(3):
+            phi[_FORCE + k] = gravity * c[2, k]
+            move[k] = 0.5 * (rates[i, k] + last[1 + k])
+        _fill(phi, phi[_FORCE : _FORCE + 3])
+        _wrong(axis, weights, theta, phi, _RATE, x[gm : gm + 3], wrong)
+        for k in range(3):
+            u[k] = 0.0
+            for j in range(3):
+                u[k] += m[k, j] * (move[j] - wrong[j])
+            phi[_RATE + k] = u[k]
+        # The way within the step, against the level frame; half of it first.
+        for k in range(3):
+            around = 0.0
+            for j in range(3):
+                around += c[j, k] * earth[j]
+            j1, j2 = (k + 1) % 3, (k + 2) % 3
+            coning = last[1 + j1] * rates[i, j2] - last[1 + j2] * rates[i, j1]
+            turn[k] = (u[k] - around) * dt + coning * dt * dt / 12
+            fed[k] = 0.5 * turn[k]
+        half[:] = c
+        rotate(half, fed)
+        rotate(c, turn)
+        for k in range(3):
+            for j in range(3):
+                cm[k, j] = 0.0
+                for b in range(3):
+                    cm[k, j] += half[k, b] * m[b, j]
+        for s in range(count):
+            size = 0.0
+            for b in range(BASIS):
+                size += weights[s, b] * phi[b]
+            size *= dt
+            for k in range(3):
+                a[k, 3 + s] -= cm[k, axis[s]] * size
+        for k in range(3):
+            for j in range(3):
+                a[k, gm + j] -= cm[k, j] * dt
+        for k in range(3):
+            bent = rates[i, k] - 2 * last[1 + k] + last[4 + k]
+            if bent * bent > _BENT * noise[k] / dt:
+                last[7] += (_KINK * bent * dt) ** 2
+            last[4 + k] = last[1 + k]
+            last[1 + k] = rates[i, k]
+        last[0] = time[i]
+        if e == epochs.size or i != epochs[e]:
+            continue
+        since = time[i] - start[1]
+        start[1] = time[i]
+        kept = np.exp(-since / correlation)
+        for k in range(3):
+            for j in range(3):
+                a[k, j] = 1.0 if k == j else 0.0
+                driven[k, j] = 0.0
+                for b in range(3):
+                    driven[k, j] += cm[k, b] * noise[b] * cm[j, b] * since
+            driven[k, k] += last[7]
+            keep[gm + k] = kept
+            drawn[gm + k] = drift[k, 0] * (1 - kept * kept) + drift[k, 1] * since
+            x[gm + k] *= kept
+        # −[ω_ie×] within an epoch.
+        last[7] = 0.0
+        a[0, 1], a[0, 2], a[1, 2] = earth[2] * since, -earth[1] * since, earth[0] * since
+        a[1, 0], a[2, 0], a[2, 1] = -a[0, 1], -a[0, 2], -a[1, 2]
+        if late[2] >= 0:
+            # The level frame is the table's: turned clockwise it sees the earth's rate go west.
+            a[0, late[2]] = earth[1] * since
+        predict(p, a, keep, driven, drawn)
+        a[:] = 0.0
+        if start[3] > 0:
+            # φ is lost, all else is kept.
+            start[3] = 0.0
+            c[:] = reference[e]
+            for k in range(3):
+                p[k, :] = 0.0
+                p[:, k] = 0.0
+                p[k, k] = start[0]
+            history[e, :4] = 0.0
+        else:
+            apart(reference[e], c, z)
+            h[:] = 0.0
+            for k in range(3):
+                h[k, k] = 1.0
+                for j in range(beside.shape[2]):
+                    h[k, gm + 3 + j] = beside[e, k, j]
+                rate = -earth[k]
+                for j in range(3):
+                    rate += c[k, j] * u[j]
+                # Attitude as it was `latency` ago.
+                if late[0] >= 0:
+                    h[k, late[0]] = -rate
+                if late[1] >= 0:
+                    h[k, late[1]] = -rate * (time[i] - start[2])
+            nis = 0.0
+            for k in range(3):
+                nis += update(x, p, h[k], z[k], variance)
+                history[e, k] = z[k]
+            history[e, 3] = nis
+            total += nis
+            for k in range(3):
+                turn[k] = x[k]
+                x[k] = 0.0
+            turn_level(c, turn)
+            for s in range(count):
+                theta[s] += x[3 + s]
+                x[3 + s] = 0.0
+            matrix(nominal, axis, weights, theta, _RATE, m)
+        for s in range(n):
+            history[e, 4 + s] = theta[s - 3] if 3 <= s < gm else x[s]
+            history[e, 4 + n + s] = p[s, s]
+        e += 1
+    return total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def accelerometers(
+    time: Array,
+    forces: Array,
+    rates: Array,
+    hold: Indices,
+    epochs: Indices,
+    reference: Array,
+    beside: Array,
+    nominal: Array,
+    axis: Indices,
+    weights: Array,
+    earth: Array,
+    gravity: float,
+    noise: Array,
+    turning: float,
+    drift: Array,
+    correlation: float,
+    variance: Array,
+    fresh: Array,
+    held: Array,
+    c: Array,
+    theta: Array,
+    x: Array,
+    p: Array,
+    a: Array,
+    last: Array,
+    history: Array,
+) -> float:
+    """Run the accelerometers' filter over a piece of a recording; return the sum of NIS.
+
+    States: δV (3), φ (3), p coefficients, drift of the biases (3), q of the table's parameters,
+    and, where there are two more, the error of each hold's angles about east and north.
+
+    Parameters
+    ----------
+    time, epochs, reference, nominal, axis, weights, earth, gravity
+        As of `gyros`.
+    beside : (e, 2, q) array
+        As of `gyros`, about east and north.
+    forces, rates : (n, 3) arrays
+        Readings of the accelerometers, and rates with coarse biases off, SI.
+    hold : (n,) array of int
+        Number of the hold that a sample belongs to; negative while the table moves.
+    noise : (3,) array
+        Variance of each accelerometer's velocity, (m/s)²/s.
+    turning : float
+        Variance of the gyros' angles, rad²/s.
+    drift, correlation
+        As of `gyros`, (m/s²)².
+    variance : (2,) array
+        Of velocity, (m/s)², and of attitude by readback, rad².
+    fresh : (2,) array
+        Variances of δV and φ when a hold begins.
+    held : (e, 2) array
+        Variance of the error of a hold's angles about east and north, at its first epoch.
+    c, theta, x, p, a, history
+        As of `gyros`; a (6, n), history (e, 6 + 2 n) with the five observations.
+    last : (12,) array
+        Time, force, rate of the sample before; number of its hold, time of the epoch before, and
+        velocity: changed in place.
+    """
+    count, n = axis.size, x.size
+    gm = 6 + count
+    own = gm + 3 + beside.shape[2]  # where a hold's own error begins
+    m, phi, wrong = np.zeros((3, 3)), np.zeros(BASIS), np.zeros(3)
+    half, move, u, cm = np.zeros((3, 3)), np.zeros(3), np.zeros(3), np.zeros((3, 3))
+    keep, drawn, driven = np.ones(n), np.zeros(n), np.zeros((6, 6))
+    z, h, turn, fed = np.zeros(5), np.zeros((5, n)), np.zeros(3), np.zeros(3)
+    apart_by = np.zeros(3)
+    for k in range(3):
+        h[k, k] = 1.0
+    for k in range(2):
+        h[3 + k, 3 + k] = 1.0
+        if own < n:
+            h[3 + k, own + k] = -1.0
+    matrix(nominal, axis, weights, theta, _FORCE, m)
+    total, e = 0.0, 0
+    for i in range(time.size):
+        here = hold[i]
+        at = e < epochs.size and i == epochs[e]
+        begins = here >= 0 and here != int(last[7])
+        dt = time[i] - last[0]
+        if here >= 0 and not begins:
+            for k in range(3):
+                move[k] = 0.5 * (forces[i, k] + last[1 + k])
+                u[k] = move[k]
+            # What depends on f² takes f as corrected before.
+            for _ in range(2):
+                _fill(phi, u)
+                _wrong(axis, weights, theta, phi, _FORCE, x[gm : gm + 3], wrong)
+                for k in range(3):
+                    u[k] = 0.0
+                    for j in range(3):
+                        u[k] += m[k, j] * (move[j] - wrong[j])
+            _fill(phi, u)
+            for k in range(3):
+                around = 0.0
+                for j in range(3):
+                    around += c[j, k] * earth[j]
+                turn[k] = (0.5 * (rates[i, k] + last[4 + k]) - around) * dt
+                fed[k] = 0.5 * turn[k]
+            half[:] = c
+            rotate(half, fed)
+            rotate(c, turn)
+            for k in range(3):
+                gain = -gravity if k == 2 else 0.0
+                for j in range(3):
+                    cm[k, j] = 0.0
+                    gain += half[k, j] * u[j]
+                    for b in range(3):
+                        cm[k, j] += half[k, b] * m[b, j]
+                last[9 + k] += gain * dt
+            for s in range(count):
+                size = 0.0
+                for b in range(BASIS):
+                    size += weights[s, b] * phi[b]
+                size *= dt
+                for k in range(3):
+                    a[k, 6 + s] += cm[k, axis[s]] * size
+            for k in range(3):
+                for j in range(3):
+                    a[k, gm + j] += cm[k, j] * dt
+        last[0] = time[i]
+        for k in range(3):
+            last[1 + k], last[4 + k] = forces[i, k], rates[i, k]
+        if begins:
+            last[7] = here
+            since = time[i] - last[8]
+            last[8] = time[i]
+            kept = np.exp(-since / correlation)
+            for k in range(3):
+                s = gm + k
+                x[s] *= kept
+                p[s, :] *= kept
+                p[:, s] *= kept
+                p[s, s] += drift[k, 0] * (1 - kept * kept) + drift[k, 1] * since
+            for s in range(n):
+                if s < 6 or s >= own:
+                    p[s, :] = 0.0
+                    p[:, s] = 0.0
+                    x[s] = 0.0
+                    p[s, s] = fresh[0] if s < 3 else fresh[1] if s < 6 else held[e, s - own]
+            last[9:] = 0.0
+            a[:] = 0.0
+            c[:] = reference[e]
+        if not at:
+            continue
+        if begins:
+            history[e, :6] = 0.0
+        else:
+            since = time[i] - last[8]
+            last[8] = time[i]
+            kept = np.exp(-since / correlation)
+            driven[:] = 0.0
+            for k in range(3):
+                for j in range(6):
+                    a[k, j] = a[3 + k, j] = 0.0
+                a[k, k] = a[3 + k, 3 + k] = 1.0
+                keep[gm + k] = kept
+                drawn[gm + k] = drift[k, 0] * (1 - kept * kept) + drift[k, 1] * since
+                x[gm + k] *= kept
+                for j in range(3):
+                    for b in range(3):
+                        driven[k, j] += cm[k, b] * noise[b] * cm[j, b] * since
+                driven[3 + k, 3 + k] = turning * since
+            # −[ω_ie×] of φ, twice of δV, and (0, 0, g) × φ.
+            w0, w1, w2 = earth[0] * since, earth[1] * since, earth[2] * since
+            a[3, 4], a[3, 5], a[4, 5] = w2, -w1, w0
+            a[4, 3], a[5, 3], a[5, 4] = -w2, w1, -w0
+            a[0, 1], a[0, 2], a[1, 2] = 2 * w2, -2 * w1, 2 * w0
+            a[1, 0], a[2, 0], a[2, 1] = -2 * w2, 2 * w1, -2 * w0
+            a[0, 4], a[1, 3] = -gravity * since, gravity * since
+            predict(p, a, keep, driven, drawn)
+            a[:] = 0.0
+            apart(reference[e], c, apart_by)
+            for k in range(2):
+                for j in range(beside.shape[2]):
+                    h[3 + k, gm + 3 + j] = beside[e, k, j]
+            nis = 0.0
+            for k in range(5):
+                z[k] = last[9 + k] if k < 3 else apart_by[k - 3]
+                nis += update(x, p, h[k], z[k], variance[0] if k < 3 else variance[1])
+                history[e, k] = z[k]
+            history[e, 5] = nis
+            total += nis
+            for k in range(3):
+                last[9 + k] -= x[k]
+                turn[k] = x[3 + k]
+                x[k] = x[3 + k] = 0.0
+            turn_level(c, turn)
+            for s in range(count):
+                theta[s] += x[6 + s]
+                x[6 + s] = 0.0
+            matrix(nominal, axis, weights, theta, _FORCE, m)
+        for s in range(n):
+            history[e, 6 + s] = theta[s - 6] if 6 <= s < gm else x[s]
+            history[e, 6 + n + s] = p[s, s]
+        e += 1
+    return total
+
+
+@njit(cache=True, nogil=True)
+def due(time: Array, period: float, last: float) -> Indices:
+    """Return the samples at which an epoch is due: a period or more after the one before."""
+    found = np.empty(time.size, np.int64)
+    count = 0
+    for i in range(time.size):
+        if time[i] - last >= period:
+            found[count] = i
+            count += 1
+            last = time[i]
+    return found[:count]
+
+
+@njit(cache=True, nogil=True)
+def due_in_holds(time: Array, hold: Indices, period: float, last: float, number: int) -> Indices:
+    """Do the same within holds: the first sample of each, then every period."""
+    found = np.empty(time.size, np.int64)
+    count = 0
+    for i in range(time.size):
+        if hold[i] < 0:
+            continue
+        if hold[i] != number or time[i] - last >= period:
+            found[count] = i
+            count += 1
+            last, number = time[i], hold[i]
+    return found[:count]

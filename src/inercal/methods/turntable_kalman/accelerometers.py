@@ -1,0 +1,210 @@
+"""The accelerometers' filter: velocity at rest should stay zero, and the table says what is up.
+
+States: δV (3), φ (3), coefficients, drift of the biases (3), and what the table's attitude may be
+off by: lean of the base, right angles and harmonics of the readback; or the lean and, anew at each
+hold, an error of its angles (2) that stands for the others. At every hold the attitude is taken from
+the table, the velocity set to zero and both integrated; what is found is fed back ten times a second.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import radians
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches.turntable import Turntable
+from inercal.benches.turntable_attitude import misalignment, reference
+from inercal.estimate import Course, Gaussian
+from inercal.methods.turntable_kalman import _kernels, model
+from inercal.methods.turntable_kalman.model import Triad, beside
+from inercal.parameters import Parameter
+from inercal.recording import Track
+from inercal.sensors import Sensor
+
+Array = NDArray[np.float64]
+_ARCSEC = radians(1 / 3600)
+STILL = 1e-3  # m/s, how far velocity at rest is known to be zero
+_ALIGNED = 5e-4  # rad, sd of φ where a hold begins
+_COMMON = ("lean_x", "lean_y")  # of the base; what else a hold is off by is its own
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """How far a filter has come; `step` leaves it as it is and returns the next one."""
+
+    c: Array  # (3, 3)
+    theta: Array  # (p,)
+    x: Array  # (n,)
+    p: Array  # (n, n)
+    a: Array  # (6, n)
+    last: Array  # (12,)
+    nis: float = 0.0
+    epochs: int = 0
+
+    def copy(self) -> "State":
+        """Return the same state in arrays of its own."""
+        return replace(
+            self,
+            c=self.c.copy(),
+            theta=self.theta.copy(),
+            x=self.x.copy(),
+            p=self.p.copy(),
+            a=self.a.copy(),
+            last=self.last.copy(),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Accelerometers:
+    """The filter of one sensor on one table.
+
+    Parameters
+    ----------
+    part, gyros : Triad
+        The accelerometers, and the gyros that carry the attitude within a hold.
+    bench : Turntable
+    prior : (p, p) array
+        Covariance of the coefficients before the data.
+    first : (p,) array
+        Coefficients before the data.
+    coarse : (3,) array
+        Of the gyros, rad/s.
+    table : tuple of q Parameter
+        Of the states after the drift.
+    holds : bool
+        Whether the error of each hold's angles is a state.
+    readback : float
+        Standard deviation of the attitude by readback within a hold, rad.
+    """
+
+    part: Triad
+    gyros: Triad
+    bench: Turntable
+    prior: Array
+    first: Array
+    coarse: Array
+    table: tuple[Parameter, ...]
+    holds: bool
+    readback: float
+
+    @classmethod
+    def of(
+        cls,
+        sensor: Sensor,
+        bench: Turntable,
+        track: Track,
+        priors: Sequence[Gaussian] = (),
+        *,
+        drifting: bool = True,
+        table: Literal["whole", "lean", "exact"] = "whole",
+        readback: float = _ARCSEC,
+    ) -> "Accelerometers":
+        """Return the filter, with first values from the rest that a track begins with.
+
+        Parameters
+        ----------
+        sensor, bench, track, priors
+            As of `Gyros.of`.
+        drifting : bool
+            Whether biases drift.
+        table : "whole", "lean" or "exact"
+            Which of the table's errors are states: all; the base's lean and an error of each hold;
+            none.
+        readback : float
+            rad.
+
+        Raises
+        ------
+        InputError
+            A sensor that a filter does not take, or no rest to begin with.
+        """
+        part = model.triad(sensor, "f", drifting=drifting)
+        gyros = model.triad(sensor, "w")
+        first, prior = model.begin(part, priors, model.coarse(bench, track, part))
+        coarse = model.coarse(bench, track, gyros)
+        seen = misalignment(bench, np.zeros((1, len(bench.axes)))).parameters
+        kept = tuple(
+            q
+            for q in seen
+            if q.sd > 0 and (q.name in _COMMON or (table == "whole" and q.name != "azimuth"))
+        )
+        kept = () if table == "exact" else kept
+        return cls(part, gyros, bench, prior, first, coarse, kept, table == "lean", readback)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the states from the coefficients on."""
+        drift = tuple(f"drift[{axis.name}]" for axis in self.part.sensor.axes)
+        own = ("hold_x", "hold_y") if self.holds else ()
+        return (*self.part.sensor.coefficients, *drift, *(q.name for q in self.table), *own)
+
+    def start(self, track: Track) -> State:
+        """Return the state before the first sample of a track."""
+        p, q = len(self.first), len(self.table)
+        n = 9 + p + q + (2 if self.holds else 0)
+        covariance = np.zeros((n, n))
+        covariance[6 : 6 + p, 6 : 6 + p] = self.prior
+        at = np.arange(6 + p, 9 + p + q)
+        covariance[at, at] = [*self.part.drift[:, 0], *(one.sd**2 for one in self.table)]
+        last = np.zeros(12)
+        last[0] = last[8] = track.time[0]
+        last[7] = -1
+        return State(np.eye(3), self.first.copy(), np.zeros(n), covariance, np.zeros((6, n)), last)
+
+    def step(self, state: State, track: Track) -> tuple[State, Course]:
+        """Return the state after the samples of a track, and the course through them."""
+        after = state.copy()
+        epochs = _kernels.due_in_holds(
+            track.time,
+            track.hold,
+            model.PERIOD * (1 - 1e-6),
+            float(state.last[8]),
+            int(state.last[7]),
+        )
+        angles = track.angles[epochs]
+        history = np.zeros((epochs.size, 6 + 2 * state.x.size))
+        terms, gyros = self.part.terms, self.gyros
+        rates = (track.reading[:, gyros.channels] - self.coarse) @ np.linalg.inv(
+            gyros.terms.nominal
+        ).T
+        nis = _kernels.accelerometers(
+            track.time,
+            np.ascontiguousarray(track.reading[:, self.part.channels]),
+            rates,
+            track.hold,
+            epochs,
+            reference(self.bench, angles),
+            beside(self.bench, self.table, angles)[:, :2],
+            terms.nominal,
+            terms.axis,
+            terms.weights,
+            model.earth(self.bench),
+            self.bench.gravity.value,
+            self.part.white,
+            float(gyros.white.mean()),
+            self.part.drift,
+            model.CORRELATION,
+            np.array([STILL**2, self.readback**2]),
+            np.array([STILL**2, _ALIGNED**2]),
+            self._held(angles),
+            after.c,
+            after.theta,
+            after.x,
+            after.p,
+            after.a,
+            after.last,
+            history,
+        )
+        taken = int((history[:, 5] > 0).sum())
+        after = replace(after, nis=state.nis + nis, epochs=state.epochs + taken)
+        return after, model.course("accelerometers", self.names, track.time[epochs], history, 5)
+
+    def _held(self, angles: Array) -> Array:
+        """Return the variance about east and north of what a hold's angles are off by, (e, 2)."""
+        seen = misalignment(self.bench, angles)
+        variance = np.array(
+            [0.0 if q.name in (*_COMMON, "azimuth") else q.sd**2 for q in seen.parameters]
+        )
+        return (seen.by[..., :2, :] ** 2) @ variance

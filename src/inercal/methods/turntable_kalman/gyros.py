@@ -1,0 +1,197 @@
+"""The gyros' filter: what they make of the attitude against what the table says of it.
+
+States: φ (3), coefficients, drift of the biases (3), and what the table's attitude may be off by
+(latency, clock, right angles, harmonics of the readback). The attitude is integrated from the rates
+as corrected so far and compared ten times a second; what is found is fed back.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import radians
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches.turntable import Turntable
+from inercal.benches.turntable_attitude import misalignment, reference
+from inercal.estimate import Course, Gaussian
+from inercal.methods.turntable_kalman import _kernels, model
+from inercal.methods.turntable_kalman.model import Triad, beside
+from inercal.parameters import Parameter
+from inercal.recording import Track
+from inercal.sensors import Sensor
+
+Array = NDArray[np.float64]
+_ARCSEC = radians(1 / 3600)
+_DRIVEN = ("latency", "clock", "azimuth")
+_ALIGNED = 60 * _ARCSEC  # sd of φ where the attitude is taken from the table
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """How far a filter has come; `step` leaves it as it is and returns the next one."""
+
+    c: Array  # (3, 3)
+    theta: Array  # (p,)
+    x: Array  # (n,)
+    p: Array  # (n, n)
+    a: Array  # (3, n)
+    last: Array  # (8,)
+    start: Array  # (4,)
+    nis: float = 0.0
+    epochs: int = 0
+
+    def copy(self) -> "State":
+        """Return the same state in arrays of its own."""
+        return replace(
+            self,
+            c=self.c.copy(),
+            theta=self.theta.copy(),
+            x=self.x.copy(),
+            p=self.p.copy(),
+            a=self.a.copy(),
+            last=self.last.copy(),
+            start=self.start.copy(),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Gyros:
+    """The filter of one sensor on one table.
+
+    Parameters
+    ----------
+    part : Triad
+    bench : Turntable
+    prior : (p, p) array
+        Covariance of the coefficients before the data.
+    first : (p,) array
+        Coefficients before the data.
+    table : tuple of q Parameter
+        Of the states after the drift.
+    readback : float
+        Standard deviation of the attitude by readback, rad.
+    """
+
+    part: Triad
+    bench: Turntable
+    prior: Array
+    first: Array
+    table: tuple[Parameter, ...]
+    readback: float
+
+    @classmethod
+    def of(
+        cls,
+        sensor: Sensor,
+        bench: Turntable,
+        track: Track,
+        priors: Sequence[Gaussian] = (),
+        *,
+        drifting: bool = True,
+        table: bool = True,
+        readback: float = 4 * _ARCSEC,
+    ) -> "Gyros":
+        """Return the filter, with the biases' first values from the rest that a track begins with.
+
+        Parameters
+        ----------
+        sensor : Sensor
+        bench : Turntable
+        track : Track
+            Of one trial; its first 20 s do.
+        priors : sequence of Gaussian
+        drifting, table : bool
+            Whether biases drift and readback may be late; whether the table's other errors are
+            states.
+        readback : float
+            rad. 4″ hold what the readback's noise, and rates taken as linear between samples at
+            100 Hz, are off by.
+
+        Raises
+        ------
+        InputError
+            A sensor that a filter does not take, or no rest to begin with.
+        """
+        part = model.triad(sensor, "w", drifting=drifting)
+        first, prior = model.begin(part, priors, model.coarse(bench, track, part))
+        loose = [q for q in bench.parameters if q.sd > 0]
+        wanted = [q for q in loose if q.name in _DRIVEN and drifting]
+        if table:
+            seen = misalignment(bench, np.zeros((1, len(bench.axes)))).parameters
+            # A lean turns all attitudes alike: φ at the start holds it.
+            known = ("lean_x", "lean_y", *_DRIVEN)
+            wanted += [q for q in seen if q.sd > 0 and q.name not in known]
+        return cls(part, bench, prior, first, tuple(wanted), readback)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the states from the coefficients on."""
+        drift = tuple(f"drift[{axis.name}]" for axis in self.part.sensor.axes)
+        return (*self.part.sensor.coefficients, *drift, *(q.name for q in self.table))
+
+    def start(self, track: Track) -> State:
+        """Return the state before the first sample of a track."""
+        p, q = len(self.first), len(self.table)
+        n = 6 + p + q
+        covariance = np.zeros((n, n))
+        covariance[:3, :3] = _ALIGNED**2 * np.eye(3)
+        covariance[3 : 3 + p, 3 : 3 + p] = self.prior
+        known = np.concatenate([self.part.drift[:, 0], [one.sd**2 for one in self.table]])
+        at = np.arange(3 + p, n)
+        covariance[at, at] = known
+        x = np.zeros(n)
+        x[6 + p :] = [one.value for one in self.table]
+        time = float(track.time[0])
+        return State(
+            reference(self.bench, track.angles[:1])[0],
+            self.first.copy(),
+            x,
+            covariance,
+            np.zeros((3, n)),
+            np.concatenate([[time], np.tile(track.reading[0, self.part.channels], 2), [0.0]]),
+            np.array([_ALIGNED**2, time, time, 0.0]),
+        )
+
+    def step(self, state: State, track: Track) -> tuple[State, Course]:
+        """Return the state after the samples of a track, and the course through them."""
+        after = state.copy()
+        epochs = _kernels.due(track.time, model.PERIOD * (1 - 1e-6), after.start[1])
+        angles = track.angles[epochs]
+        n = state.x.size
+        history = np.zeros((epochs.size, 4 + 2 * n))
+        terms = self.part.terms
+        nis = _kernels.gyros(
+            track.time,
+            np.ascontiguousarray(track.reading[:, self.part.channels]),
+            epochs,
+            reference(self.bench, angles),
+            beside(self.bench, self.table, angles, skipped=_DRIVEN),
+            terms.nominal,
+            terms.axis,
+            terms.weights,
+            model.earth(self.bench),
+            self.bench.gravity.value,
+            self.part.white,
+            self.part.drift,
+            model.CORRELATION,
+            self.readback**2,
+            after.start,
+            self._late(),
+            model.GAP,
+            after.c,
+            after.theta,
+            after.x,
+            after.p,
+            after.a,
+            after.last,
+            history,
+        )
+        taken = int((history[:, 3] > 0).sum())
+        after = replace(after, nis=state.nis + nis, epochs=state.epochs + taken)
+        return after, model.course("gyros", self.names, track.time[epochs], history, 3)
+
+    def _late(self) -> NDArray[np.int64]:
+        """Return where latency, clock and azimuth stand among the states."""
+        names, first = [q.name for q in self.table], 6 + len(self.first)
+        return np.array([first + names.index(n) if n in names else -1 for n in _DRIVEN])

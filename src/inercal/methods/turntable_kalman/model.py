@@ -1,0 +1,217 @@
+"""What both filters share: the sensor as they see it, what is known at the start, their course.
+
+Before anything is known a coefficient may be as large as `EXPECTED` says; the data must say much
+more of it (`undecided`), or the result would be that guess.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import radians
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches.turntable import Turntable
+from inercal.benches.turntable_attitude import misalignment, reference
+from inercal.earth import earth_rate_up_north
+from inercal.errors import InputError
+from inercal.estimate import Course, Gaussian, NullDirection
+from inercal.methods.observed import in_natural_words
+from inercal.methods.turntable_kalman.terms import BIAS, Terms, terms
+from inercal.parameters import Parameter
+from inercal.recording import Track
+from inercal.sensors import G0, Sensor
+
+Array = NDArray[np.float64]
+CORRELATION = 200.0  # s, of the drift of biases
+PERIOD = 0.1  # s between epochs
+GAP = 0.5  # s without a sample, beyond which the attitude is taken from the table anew
+COARSE = 20.0  # s at rest that the biases' first values come from
+# Standard deviations before the data, SI; of other terms, per their natural size.
+EXPECTED = {
+    "bias": radians(1),
+    "k0": 30e-3 * G0,
+    "scale": 0.02,
+    "k1": 0.02,
+    "delta_o": 0.02,
+    "delta_p": 0.02,
+}
+_OTHERS = 1e-3  # of the natural size: 1000 µg/g², 200 °/h/g
+_DECIDED = 0.25  # of the variance before: a direction that keeps more was decided by the guess
+
+
+@dataclass(frozen=True, eq=False)
+class Triad:
+    """Three axes of one kind as a filter sees them.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        Of these axes alone.
+    terms : Terms
+    channels : (3,) array of int
+        Their columns in the recording.
+    white : (3,) array
+        Variance of the integral of the noise, SI²/s.
+    drift : (3, 2) array
+        Of each bias: variance of its drift, and of its walk by second.
+    """
+
+    sensor: Sensor
+    terms: Terms
+    channels: NDArray[np.int64]
+    white: Array
+    drift: Array
+
+
+def course(name: str, names: tuple[str, ...], time: Array, history: Array, q: int) -> Course:
+    """Return the course of what a kernel wrote, (e, q + 1 + 2 n), of the last states alone."""
+    n, k = (history.shape[1] - q - 1) // 2, len(names)
+    value, variance = history[:, q + 1 : q + 1 + n], history[:, q + 1 + n :]
+    return Course(
+        name, names, time, value[:, n - k :], np.sqrt(variance[:, n - k :]),
+        history[:, :q], history[:, q],
+    )  # fmt: skip
+
+
+def triad(sensor: Sensor, kind: str, *, drifting: bool = True) -> Triad:
+    """Return the accelerometers ("f") or the gyros ("w") of a sensor.
+
+    Raises
+    ------
+    InputError
+        Other than three axes, terms that a filter does not find, or noise that is not stated.
+    """
+    part = sensor.only("f" if kind == "f" else "w")
+    noise = [axis.noise for axis in part.axes]
+    if not all(one.white > 0 for one in noise):
+        which = "accelerometer" if kind == "f" else "gyro"
+        raise InputError(f"[sensor.{which}] white: a filter needs the noise; state it")
+    drift = np.array([(one.bias_instability**2, one.random_walk**2) for one in noise])
+    return Triad(
+        part,
+        terms(part),
+        np.array([sensor.channels.index(name) for name in part.channels]),
+        np.array([one.white**2 for one in noise]),
+        drift if drifting else np.zeros((3, 2)),
+    )
+
+
+def earth(bench: Turntable) -> Array:
+    """Return the earth's rate in the level frame, (3,) rad/s."""
+    up, north = earth_rate_up_north(bench.latitude)
+    return np.array([0.0, north, up])
+
+
+def expected(part: Triad) -> Array:
+    """Return how large each coefficient may be before anything is known, (p,) SI."""
+    named = zip(part.sensor.coefficients, part.sensor.natural, strict=True)
+    return np.array([EXPECTED.get(n.partition(".")[2], _OTHERS * size) for n, size in named])
+
+
+def begin(part: Triad, priors: Sequence[Gaussian], coarse: Array) -> tuple[Array, Array]:
+    """Return coefficients and their covariance before the data.
+
+    Parameters
+    ----------
+    part : Triad
+    priors : sequence of Gaussian
+        Those on coefficients of these axes come on top of what may be expected.
+    coarse : (3,) array
+        Mean reading at rest beyond what was felt, SI: where the biases start.
+    """
+    names = part.sensor.coefficients
+    start = np.zeros(len(names))
+    biases, t = part.terms.bias, part.terms
+    start[biases] = coarse[t.axis[biases]] / t.weights[biases, BIAS]
+    precision = np.diag(expected(part) ** -2.0)
+    pull = np.zeros(len(names))
+    for prior in priors:
+        if set(prior.names) <= set(names):
+            root, target = prior.rows(names)
+            precision = precision + root.T @ root
+            pull = pull + root.T @ (target - root @ start)
+    covariance = np.linalg.inv(precision)
+    return start + covariance @ pull, (covariance + covariance.T) / 2
+
+
+def coarse(bench: Turntable, track: Track, part: Triad) -> Array:
+    """Return what the axes read beyond what they felt over the first rest, (3,) SI.
+
+    Parameters
+    ----------
+    bench : Turntable
+    track : Track
+        Of one trial.
+    part : Triad
+
+    Raises
+    ------
+    InputError
+        No rest of 20 s at the start.
+    """
+    at = np.flatnonzero(track.hold == track.hold[track.hold >= 0][:1])
+    lasting = float(track.time[at[-1]] - track.time[at[0]]) if at.size else 0.0
+    if lasting < COARSE * (1 - 1e-3):
+        raise InputError(
+            f"the run begins with a rest of {lasting:.3g} s; the filters take the biases' first "
+            f"values from {COARSE:g} s of rest: let the table rest first"
+        )
+    at = at[track.time[at] <= track.time[at[0]] + COARSE]
+    mat = reference(bench, track.angles[at[:1]])[0]
+    felt = mat.T @ ([0, 0, bench.gravity.value] if part.terms.first == 1 else earth(bench))
+    return track.reading[at][:, part.channels].mean(axis=0) - part.terms.nominal @ felt
+
+
+def undecided(part: Triad, covariance: Array) -> tuple[NullDirection, ...]:
+    """Return the directions of the coefficients that neither data nor priors decided.
+
+    Parameters
+    ----------
+    part : Triad
+    covariance : (p, p) array
+        Of the coefficients.
+    """
+    sd = expected(part)
+    share, directions = np.linalg.eigh(covariance / np.outer(sd, sd))
+    found: list[NullDirection] = []
+    for move in (sd[:, None] * directions[:, share > _DECIDED]).T:
+        natural = move / part.sensor.natural
+        natural = natural / natural[np.argmax(np.abs(natural))]
+        names = part.sensor.coefficients
+        weights = {n: float(w) for n, w in zip(names, natural, strict=True) if abs(w) > 1e-6}
+        found.append(NullDirection(weights, in_natural_words(natural, names)))
+    return tuple(found)
+
+
+def beside(
+    bench: Turntable, table: Sequence[Parameter], angles: Array, skipped: Sequence[str] = ()
+) -> Array:
+    """Return how φ as it is observed moves with the table's parameters, (e, 3, q), level frame.
+
+    Parameters
+    ----------
+    bench : Turntable
+    table : sequence of q Parameter
+        Columns of those that turn no attitude, or are skipped, are zero.
+    angles : (e, k) array
+        Readback, rad.
+    skipped : sequence of str
+    """
+    seen = misalignment(bench, angles)
+    names = [one.name for one in seen.parameters]
+    made = np.zeros((*angles.shape[:-1], 3, len(table)))
+    for k, one in enumerate(table):
+        if one.name in names and one.name not in skipped:
+            # The true attitude is ahead of the readback's: φ as observed is so much less.
+            made[..., k] = -seen.by[..., names.index(one.name)]
+    return made
+
+
+def of_gravity(part: Triad) -> Array:
+    """Return how the coefficients move with a relative error of gravity, (p,)."""
+    p = len(part.sensor.coefficients)
+    by = np.zeros((3, 3, p))
+    by[part.terms.axis, :, np.arange(p)] = part.terms.weights[:, part.terms.first :][:, :3]
+    moved = np.linalg.lstsq(by.reshape(9, p), part.terms.nominal.ravel(), rcond=None)[0]
+    return np.asarray(moved, dtype=float)

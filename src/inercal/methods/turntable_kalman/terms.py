@@ -1,0 +1,77 @@
+"""A triad's coefficients as data for compiled filters: what each adds to which axis' reading.
+
+A reading is affine in the coefficients, and its terms are of second degree in what is felt::
+
+    y = N u + Σ_m c_m e_a(m) (T_m · φ(f, ω)),   φ = (1, f, ω, fx², fy², fz², fx fy, fx fz, fy fz)
+
+with u = f or ω, e_a the axis that coefficient m belongs to.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.errors import InputError
+from inercal.motion import Motion
+from inercal.sensors import G0, Sensor
+
+Array = NDArray[np.float64]
+BASIS = 13
+BIAS, FORCE, RATE = 0, 1, 4  # where 1, f and ω begin in φ
+
+
+class Terms(NamedTuple):
+    """Of three axes and p coefficients."""
+
+    nominal: Array  # N, (3, 3)
+    axis: NDArray[np.int64]  # a(m), (p,)
+    weights: Array  # T, (p, BASIS)
+    first: int  # where u begins in φ
+
+    @property
+    def bias(self) -> NDArray[np.bool_]:
+        """Which coefficients are biases, (p,)."""
+        return np.abs(self.weights) @ (np.arange(BASIS) != BIAS) == 0
+
+
+def basis(motion: Motion) -> Array:
+    """Return φ of a motion, (n, BASIS)."""
+    f, w = np.broadcast_arrays(motion.f, motion.w)
+    x, y, z = f.T
+    one = np.ones_like(x)
+    return np.stack([one, x, y, z, *w.T, x * x, y * y, z * z, x * y, x * z, y * z], axis=-1)
+
+
+def terms(sensor: Sensor) -> Terms:
+    """Return the terms of a triad of accelerometers, or of gyros.
+
+    Raises
+    ------
+    InputError
+        Other than three axes of one kind, another form, or coefficients of other terms, by name.
+    """
+    kinds = {axis.measures for axis in sensor.axes}
+    if len(sensor.axes) != 3 or len(kinds) != 1:
+        raise InputError(f"{sensor.name}: a filter takes three axes of one kind")
+    if sensor.form != "reference":
+        raise InputError(f"{sensor.name}: a filter takes the reference form, not {sensor.form}")
+    rng = np.random.default_rng(0)
+    motion = Motion(G0 * rng.standard_normal((40, 3)), rng.standard_normal((40, 3)))
+    probes = basis(motion)
+    scale = np.abs(probes).max(axis=0)
+    p = len(sensor.coefficients)
+    made = sensor.linearise(motion, np.zeros(p))
+    back = np.asarray(np.linalg.pinv(probes / scale), dtype=float) / scale[:, None]
+    whole = back @ made.reading  # (BASIS, 3)
+    first = FORCE if kinds == {"f"} else RATE
+    design = np.einsum("bn,nap->pab", back, made.design)
+    axis = np.abs(design).max(axis=-1).argmax(axis=-1)
+    weights = design[np.arange(p), axis]
+    weights[np.abs(weights) < 1e-9] = 0.0
+    away = made.design - np.einsum("nb,pb,ap->nap", probes, weights, np.eye(3)[:, axis])
+    beyond = np.abs(away).max(axis=(0, 1)) > 1e-9 * np.abs(made.design).max(axis=(0, 1))
+    if beyond.any():
+        names = ", ".join(n for n, bad in zip(sensor.coefficients, beyond, strict=True) if bad)
+        raise InputError(f"{sensor.name}: a filter does not find {names}")
+    return Terms(whole[first : first + 3].T.copy(), axis, weights, first)

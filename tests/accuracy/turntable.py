@@ -1,0 +1,300 @@
+"""An IMU on a three-axis turntable from the physics alone: nothing of inercal is imported.
+
+Axes Z outer, X middle, Y inner; the frame is level, east, north, up. The attitude (body to level)::
+
+    C = T Rz(outer) N₁ Rx(middle) N₂ Ry(inner)
+
+T is how the base leans and where it points, N₁ and N₂ by how much neighbouring axes miss a right
+angle. Each axis moves one after another, or all at once, at trapezoids of rate. The body feels
+
+    ω = Cᵀ ω_ie + Σ (axes' rates along the axes),   f = Cᵀ (g up + r̈)
+
+with r̈ of the lever arm; readings are (I + S) u + bias + drift + white noise, the drift a
+Gauss–Markov process. Readback: angle + harmonics + white noise, `latency` late.
+
+Angles in rad, rates rad/s, forces m/s², times s.
+"""
+
+from dataclasses import dataclass
+from math import pi, radians, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+ARCSEC = radians(1 / 3600)
+DEG_H = radians(1) / 3600
+EARTH = 7.292115e-5
+G = 9.80665
+Angles = tuple[float, float, float]
+# What to do: to angles (degrees) and stay there, or one axis by an angle (degrees) at °/s.
+Stand = tuple[str, Angles, float]
+Turn = tuple[str, int, float, float]
+
+TEN: tuple[Angles, ...] = (
+    (0, 0, 0), (0, 90, 0), (0, 180, 0), (0, 270, 0), (0, 0, 90),
+    (0, 0, -90), (90, 45, 0), (90, 0, 45), (180, 45, 90), (180, -45, 45),
+)  # fmt: skip
+
+
+def positions(seconds: float = 90.0) -> list[Stand]:
+    """Return the accelerometers' part."""
+    return [(f"p{k + 1}", angles, seconds) for k, angles in enumerate(TEN)]
+
+
+def turns(angle: float = 720.0, rate: float = 10.0, *, back: bool = False) -> list[Stand | Turn]:
+    """Return the gyros' part: about x, y and z, and back where that is asked, then rest."""
+    home: Stand = ("home", (0, 0, 0), 3.0)
+    path: list[Stand | Turn] = [home]
+    for name, axis in (("x", 1), ("y", 2), ("z", 0)):
+        path.append((f"{name}+", axis, angle, rate))
+        if back:
+            path.append((f"{name}-", axis, -angle, rate))
+    return [*path, ("rest", (0, 0, 0), 72.0)]
+
+
+def whole(seconds: float = 90.0) -> list[Stand | Turn]:
+    """Return the note's path: warm up, ten positions, three turns, rest."""
+    return [("warm-up", (0, 0, 0), 120.0), *positions(seconds), *turns()]
+
+
+@dataclass(frozen=True)
+class Grade:
+    """White noise and drift: ARW rad/√s, rad/s, m/s²/√Hz, m/s²; both drifts of 200 s."""
+
+    arw: float
+    gyro_drift: float
+    vrw: float
+    acc_drift: float
+    correlation: float = 200.0
+
+
+def grade(arw: float, gyro: float, vrw: float, acc: float) -> Grade:
+    """Return a grade of °/√h, °/h, µg/√Hz and µg."""
+    return Grade(radians(arw) / 60, gyro * DEG_H, vrw * 1e-6 * G, acc * 1e-6 * G)
+
+
+T, I, C = grade(0.1, 0.5, 60, 15), grade(0.05, 0.2, 40, 10), grade(0.3, 5, 150, 50)
+
+
+@dataclass(frozen=True)
+class Table:
+    """Standard deviations of the table, and what is as it is."""
+
+    harmonics: tuple[float, float] = (2 * ARCSEC, 1 * ARCSEC)  # amplitudes, any phase
+    white: float = 0.5 * ARCSEC
+    square: float = 2 * ARCSEC  # of each of two right angles
+    lean: float = 5 * ARCSEC
+    azimuth: float = radians(0.1)
+    latency: float = 2e-3  # s, exactly
+    latitude: float = radians(38.0)
+    gravity: float = G
+    lever: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m, in the body
+    fastest: float = radians(30)  # of moves between positions, rad/s
+    acceleration: float = radians(30)  # rad/s²
+
+
+@dataclass(frozen=True)
+class Device:
+    """Standard deviations of the sensor's errors."""
+
+    gyro_bias: float = radians(0.3)
+    acc_bias: float = 10e-3 * G
+    scale: float = 5000e-6
+    cross: float = radians(15 / 60)
+    by_g: float = 0.0  # rad/s per m/s², each of nine
+
+
+@dataclass(frozen=True, eq=False)
+class Draw:
+    """Recordings of (trials) devices with one path.
+
+    Parameters
+    ----------
+    time : (n,) array
+    rates, forces : (trials, n, 3) arrays
+        Readings.
+    angles : (trials, n, 3) array
+        Readback: outer, middle, inner.
+    labels : (n,) array of str
+        Empty while moving between positions.
+    gyro, acc : (trials, 12) arrays
+        Truth: three biases, then S row after row.
+    by_g : (trials, 3, 3) array
+    true : (n, 3) array
+        The axes' angles.
+    """
+
+    time: Array
+    rates: Array
+    forces: Array
+    angles: Array
+    labels: NDArray[np.str_]
+    gyro: Array
+    acc: Array
+    by_g: Array
+    true: Array
+
+
+def about(axis: int, angle: Array) -> Array:
+    """Return the rotations by angles (...) about one axis, (..., 3, 3)."""
+    j, k = (axis + 1) % 3, (axis + 2) % 3
+    made = np.zeros((*np.shape(angle), 3, 3))
+    made[..., axis, axis] = 1
+    made[..., j, j] = made[..., k, k] = np.cos(angle)
+    made[..., k, j], made[..., j, k] = np.sin(angle), -np.sin(angle)
+    return made
+
+
+def profile(
+    angle: float, rate: float, acceleration: float, hz: float, late: float
+) -> tuple[Array, Array, Array]:
+    """Return angle and rate of a move from rest to rest at the samples after its start, and the
+    angle as it was `late` before.
+    """
+    size = abs(angle)
+    top = min(rate, sqrt(size * acceleration))
+    up = top / acceleration
+    flat = size / top - up
+    t = np.arange(1, int(np.ceil((2 * up + flat + late) * hz)) + 1) / hz
+
+    def way(t: Array) -> Array:
+        first, last = np.clip(t, 0, up), np.clip(t - up - flat, 0, up)
+        middle = np.clip(t - up, 0, flat)
+        return acceleration * (first**2 - last**2) / 2 + top * (middle + last)
+
+    speed = np.where(t < up, acceleration * t, np.where(t < up + flat, top, 0.0))
+    speed = np.where(t >= up + flat, np.maximum(top - acceleration * (t - up - flat), 0.0), speed)
+    sign = np.sign(angle)
+    return sign * way(t), sign * speed, sign * way(t - late)
+
+
+def travel(
+    path: list[Stand | Turn], table: Table, hz: float
+) -> tuple[Array, Array, Array, NDArray[np.str_]]:
+    """Return the axes' angles and rates, the angles `latency` before, (n, 3), and labels."""
+    now = np.zeros(3)
+    angles, rates, before = ([np.zeros((1, 3))] for _ in range(3))
+    labels = [np.array([""])]
+
+    def append(way: Array, speed: Array, late: Array, label: str) -> None:
+        angles.append(way)
+        rates.append(speed)
+        before.append(late)
+        labels.append(np.full(len(way), label))
+
+    for step in path:
+        if len(step) == 3:
+            label, there, seconds = step
+            goal = np.radians(there)
+            # A table may count on: the nearest of all equal angles is where it goes.
+            goal = goal + 2 * pi * np.round((now - goal) / (2 * pi))
+            each = [(k, d, table.fastest) for k, d in enumerate(goal - now) if abs(d) > 1e-12]
+            name, rest = "", round(seconds * hz)
+        else:
+            label, axis, angle, rate = step
+            each = [(axis, radians(angle), radians(rate))]
+            goal = now.copy()
+            goal[axis] += radians(angle)
+            name, rest = label, 0
+        made = {k: profile(d, w, table.acceleration, hz, table.latency) for k, d, w in each}
+        n = max((len(m[0]) for m in made.values()), default=0)
+        way, late, speed = np.tile(now, (n, 1)), np.tile(now, (n, 1)), np.zeros((n, 3))
+        for k, (angle_of, rate_of, late_of) in made.items():
+            way[:, k] = late[:, k] = goal[k]
+            way[: len(angle_of), k] = now[k] + angle_of
+            late[: len(angle_of), k] = now[k] + late_of
+            speed[: len(angle_of), k] = rate_of
+        append(way, speed, late, name)
+        still = np.tile(goal, (rest, 1))
+        append(still, np.zeros((rest, 3)), still, label)
+        now = goal
+    a, b, c = (np.concatenate(x) for x in (angles, rates, before))
+    return a, b, c, np.concatenate(labels)
+
+
+def drift(rng: np.random.Generator, sd: float, correlation: float, n: int, hz: float, trials: int):
+    """Return a stationary Gauss–Markov process, (trials, n, 3)."""
+    from scipy.signal import lfilter
+
+    kept = np.exp(-1 / (hz * correlation))
+    noise = sd * sqrt(1 - kept**2) * rng.standard_normal((trials, n, 3))
+    noise[:, 0] = sd * rng.standard_normal((trials, 3))
+    return lfilter([1.0], [1.0, -kept], noise, axis=1)
+
+
+def draw(
+    seed: int,
+    trials: int,
+    path: list[Stand | Turn],
+    sensor: Grade = T,
+    table: Table = Table(),
+    device: Device = Device(),
+    hz: float = 100.0,
+) -> Draw:
+    """Return recordings; the same seed makes the same draws."""
+    rng = np.random.default_rng([seed, 2308])
+    true, speed, late, labels = travel(path, table, hz)
+    n = len(true)
+    time = np.arange(n) / hz
+    squares = table.square * rng.standard_normal((trials, 2))
+    base = np.array([table.lean, table.lean, table.azimuth]) * rng.standard_normal((trials, 3))
+    phases = rng.uniform(0, 2 * pi, (trials, 2, 3))
+    outer, middle, inner = (about(a, true[:, k]) for k, a in enumerate((2, 0, 1)))
+    earth = EARTH * np.array([0, np.cos(table.latitude), np.sin(table.latitude)])
+    gyro = np.concatenate(
+        [
+            device.gyro_bias * rng.standard_normal((trials, 3)),
+            _matrix(rng, device, trials).reshape(trials, 9),
+        ],
+        axis=1,
+    )
+    acc = np.concatenate(
+        [
+            device.acc_bias * rng.standard_normal((trials, 3)),
+            _matrix(rng, device, trials).reshape(trials, 9),
+        ],
+        axis=1,
+    )
+    by_g = device.by_g * rng.standard_normal((trials, 3, 3))
+    rates, forces, angles = (np.empty((trials, n, 3)) for _ in range(3))
+    for k in range(trials):
+        tilted = about(0, base[k, 0]) @ about(1, base[k, 1]) @ about(2, base[k, 2])
+        second = middle @ about(2, squares[k, 1]) @ inner
+        mat = tilted @ outer @ about(1, squares[k, 0]) @ second
+        w = mat.swapaxes(1, 2) @ earth
+        # Each axis' direction in the body: rows of the rotations that follow it.
+        follows = about(1, squares[k, 0]) @ second
+        w += speed[:, :1] * follows[:, 2, :]
+        w += speed[:, 1:2] * second[:, 0, :]
+        w += speed[:, 2:] * np.array([0.0, 1.0, 0.0])
+        f = table.gravity * mat[:, 2, :]
+        if any(table.lever):
+            arm, own = np.array(table.lever), w - mat.swapaxes(1, 2) @ earth
+            f = f + np.cross(np.gradient(own, 1 / hz, axis=0), arm)
+            f += np.cross(own, np.cross(own, arm))
+        rates[k] = w + w @ gyro[k, 3:].reshape(3, 3).T + gyro[k, :3] + f @ by_g[k].T
+        forces[k] = f + f @ acc[k, 3:].reshape(3, 3).T + acc[k, :3]
+        angles[k] = late
+        for m, size in enumerate(table.harmonics):
+            angles[k] += size * np.sin((m + 1) * late + phases[k, m])
+    root = sqrt(hz)
+    c = sensor.correlation
+    rates += sensor.arw * root * rng.standard_normal(rates.shape)
+    rates += drift(rng, sensor.gyro_drift, c, n, hz, trials)
+    forces += sensor.vrw * root * rng.standard_normal(forces.shape)
+    forces += drift(rng, sensor.acc_drift, c, n, hz, trials)
+    angles += table.white * rng.standard_normal(angles.shape)
+    return Draw(time, rates, forces, angles, labels, gyro, acc, by_g, true)
+
+
+def _matrix(rng: np.random.Generator, device: Device, trials: int) -> Array:
+    made = device.cross * rng.standard_normal((trials, 3, 3))
+    diagonal = np.arange(3)
+    made[:, diagonal, diagonal] = device.scale * rng.standard_normal((trials, 3))
+    return made
+
+
+def attitude(angles: Array) -> Array:
+    """Return what readback (..., 3) says the attitude is, (..., 3, 3)."""
+    return about(2, angles[..., 0]) @ about(0, angles[..., 1]) @ about(1, angles[..., 2])
