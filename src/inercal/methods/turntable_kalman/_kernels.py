@@ -18,10 +18,6 @@ Indices = NDArray[np.int64]
 # Of a sample: (1, f, ω, six products of f), as in `terms`.
 _FORCE, _RATE, _SQUARE = 1, 4, 7
 BASIS = 13
-# Where an acceleration begins or ends between two samples, a rate taken as linear makes an angle of
-# a Δt² s (1 − s)/2 at the share s of the step: 0.09 a Δt² rms over s. Second differences of five
-# standard deviations (25 × 6 variances of a sample) are taken for such.
-_KINK, _BENT = 0.09, 150.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -134,6 +130,7 @@ def _wrong(
 def gyros(
     time: Array,
     rates: Array,
+    hold: Indices,
     epochs: Indices,
     reference: Array,
     beside: Array,
@@ -149,6 +146,7 @@ def gyros(
     start: Array,
     late: Indices,
     realign: float,
+    closed: bool,
     c: Array,
     theta: Array,
     x: Array,
@@ -167,6 +165,8 @@ def gyros(
     time : (n,) array
     rates : (n, 3) array
         Readings, rad/s.
+    hold : (n,) array of int
+        Number of the hold that a sample belongs to; negative while the table moves.
     epochs : (e,) array
         Samples at which readback is taken in, ascending.
     reference : (e, 3, 3) array
@@ -194,14 +194,15 @@ def gyros(
         Where latency, clock and azimuth stand among the states; -1 is not there.
     realign : float
         A step of time, s, beyond which the attitude is taken from readback anew.
+    closed : bool
+        Whether what is found is fed back.
     c, theta, x, p : arrays
         Attitude (3, 3), coefficients (p,), states (n,) and covariance (n, n): changed in place. The
         part of x that stands for φ and coefficients is fed back and kept zero.
     a : (3, n) array
         The transition since the epoch before, changed in place.
-    last : (8,) array
-        Time and rate of the sample before, rate of the one before that, and the variance of φ by
-        kinks of the rate since the last epoch, rad²: changed in place.
+    last : (4,) array
+        Time and rate of the sample before: changed in place.
     history : (e, 4 + 2 n) array
         Written at each epoch: z (3) before the update, NIS, the estimates (x with the coefficients
         in their place, φ zero) and their variances.
@@ -212,6 +213,7 @@ def gyros(
     half, move, u, cm = np.zeros((3, 3)), np.zeros(3), np.zeros(3), np.zeros((3, 3))
     keep, drawn, driven = np.ones(n), np.zeros(n), np.zeros((3, 3))
     z, h, turn, fed = np.zeros(3), np.zeros((3, n)), np.zeros(3), np.zeros(3)
+    moved = np.zeros(3)
     matrix(nominal, axis, weights, theta, _RATE, m)
     total, e = 0.0, 0
     for i in range(time.size):
@@ -227,7 +229,6 @@ def gyros(
             u[k] = 0.0
             for j in range(3):
                 u[k] += m[k, j] * (move[j] - wrong[j])
-            phi[_RATE + k] = u[k]
         # The way within the step, against the level frame; half of it first.
         for k in range(3):
             around = 0.0
@@ -237,6 +238,9 @@ def gyros(
             coning = last[1 + j1] * rates[i, j2] - last[1 + j2] * rates[i, j1]
             turn[k] = (u[k] - around) * dt + coning * dt * dt / 12
             fed[k] = 0.5 * turn[k]
+            # At rest the earth's rate alone is felt. Readings would do as well but for their noise:
+            # the angle's random walk is made of it, and scale factors would be found from the two.
+            phi[_RATE + k] = around if hold[i] >= 0 else u[k]
         half[:] = c
         rotate(half, fed)
         rotate(c, turn)
@@ -255,13 +259,9 @@ def gyros(
         for k in range(3):
             for j in range(3):
                 a[k, gm + j] -= cm[k, j] * dt
-        for k in range(3):
-            bent = rates[i, k] - 2 * last[1 + k] + last[4 + k]
-            if bent * bent > _BENT * noise[k] / dt:
-                last[7] += (_KINK * bent * dt) ** 2
-            last[4 + k] = last[1 + k]
-            last[1 + k] = rates[i, k]
         last[0] = time[i]
+        for k in range(3):
+            last[1 + k] = rates[i, k]
         if e == epochs.size or i != epochs[e]:
             continue
         since = time[i] - start[1]
@@ -273,17 +273,22 @@ def gyros(
                 driven[k, j] = 0.0
                 for b in range(3):
                     driven[k, j] += cm[k, b] * noise[b] * cm[j, b] * since
-            driven[k, k] += last[7]
             keep[gm + k] = kept
             drawn[gm + k] = drift[k, 0] * (1 - kept * kept) + drift[k, 1] * since
             x[gm + k] *= kept
         # −[ω_ie×] within an epoch.
-        last[7] = 0.0
         a[0, 1], a[0, 2], a[1, 2] = earth[2] * since, -earth[1] * since, earth[0] * since
         a[1, 0], a[2, 0], a[2, 1] = -a[0, 1], -a[0, 2], -a[1, 2]
         if late[2] >= 0:
             # The level frame is the table's: turned clockwise it sees the earth's rate go west.
             a[0, late[2]] = earth[1] * since
+        if not closed:
+            for k in range(3):
+                moved[k] = x[k]
+                for s in range(n):
+                    moved[k] += (a[k, s] - (1.0 if s == k else 0.0)) * x[s]
+            for k in range(3):
+                x[k] = moved[k]
         predict(p, a, keep, driven, drawn)
         a[:] = 0.0
         if start[3] > 0:
@@ -316,16 +321,17 @@ def gyros(
                 history[e, k] = z[k]
             history[e, 3] = nis
             total += nis
-            for k in range(3):
-                turn[k] = x[k]
-                x[k] = 0.0
-            turn_level(c, turn)
-            for s in range(count):
-                theta[s] += x[3 + s]
-                x[3 + s] = 0.0
-            matrix(nominal, axis, weights, theta, _RATE, m)
+            if closed:
+                for k in range(3):
+                    turn[k] = x[k]
+                    x[k] = 0.0
+                turn_level(c, turn)
+                for s in range(count):
+                    theta[s] += x[3 + s]
+                    x[3 + s] = 0.0
+                matrix(nominal, axis, weights, theta, _RATE, m)
         for s in range(n):
-            history[e, 4 + s] = theta[s - 3] if 3 <= s < gm else x[s]
+            history[e, 4 + s] = theta[s - 3] + x[s] if 3 <= s < gm else x[s]
             history[e, 4 + n + s] = p[s, s]
         e += 1
     return total
@@ -373,8 +379,8 @@ def accelerometers(
         As of `gyros`, about east and north.
     forces, rates : (n, 3) arrays
         Readings of the accelerometers, and rates with coarse biases off, SI.
-    hold : (n,) array of int
-        Number of the hold that a sample belongs to; negative while the table moves.
+    hold
+        As of `gyros`.
     noise : (3,) array
         Variance of each accelerometer's velocity, (m/s)²/s.
     turning : float

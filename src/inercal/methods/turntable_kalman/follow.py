@@ -66,7 +66,7 @@ def gyros(
     )  # fmt: skip
     state, course = made.step(made.start(track), track)
     value = state.x[3:].copy()
-    value[: len(made.first)] = state.theta
+    value[: len(made.first)] += state.theta
     return Filtered(
         made.part, made.names, value, state.p[3:, 3:], course,
         state.nis, 3 * state.epochs, way.turning, "rad",

@@ -36,7 +36,7 @@ class State:
     x: Array  # (n,)
     p: Array  # (n, n)
     a: Array  # (3, n)
-    last: Array  # (8,)
+    last: Array  # (4,)
     start: Array  # (4,)
     nis: float = 0.0
     epochs: int = 0
@@ -71,6 +71,10 @@ class Gyros:
         Of the states after the drift.
     readback : float
         Standard deviation of the attitude by readback, rad.
+    closed : bool
+        Whether what is found is fed back to the integration.
+    turning : bool
+        Whether attitudes are compared while the table turns too.
     """
 
     part: Triad
@@ -79,6 +83,8 @@ class Gyros:
     first: Array
     table: tuple[Parameter, ...]
     readback: float
+    closed: bool = True
+    turning: bool = True
 
     @classmethod
     def of(
@@ -149,7 +155,7 @@ class Gyros:
             x,
             covariance,
             np.zeros((3, n)),
-            np.concatenate([[time], np.tile(track.reading[0, self.part.channels], 2), [0.0]]),
+            np.concatenate([[time], track.reading[0, self.part.channels]]),
             np.array([_ALIGNED**2, time, time, 0.0]),
         )
 
@@ -157,6 +163,8 @@ class Gyros:
         """Return the state after the samples of a track, and the course through them."""
         after = state.copy()
         epochs = _kernels.due(track.time, model.PERIOD * (1 - 1e-6), after.start[1])
+        if not self.turning:
+            epochs = epochs[track.hold[epochs] >= 0]
         angles = track.angles[epochs]
         n = state.x.size
         history = np.zeros((epochs.size, 4 + 2 * n))
@@ -164,6 +172,7 @@ class Gyros:
         nis = _kernels.gyros(
             track.time,
             np.ascontiguousarray(track.reading[:, self.part.channels]),
+            track.hold,
             epochs,
             reference(self.bench, angles),
             beside(self.bench, self.table, angles, skipped=_DRIVEN),
@@ -179,6 +188,7 @@ class Gyros:
             after.start,
             self._late(),
             model.GAP,
+            self.closed,
             after.c,
             after.theta,
             after.x,
