@@ -74,7 +74,8 @@ def grade(arw: float, gyro: float, vrw: float, acc: float) -> Grade:
     return Grade(radians(arw) / 60, gyro * DEG_H, vrw * 1e-6 * G, acc * 1e-6 * G)
 
 
-T, I, C = grade(0.1, 0.5, 60, 15), grade(0.05, 0.2, 40, 10), grade(0.3, 5, 150, 50)
+T = grade(0.1, 0.5, 60, 15)
+GRADES = {"T": T, "I": grade(0.05, 0.2, 40, 10), "C": grade(0.3, 5, 150, 50)}
 
 
 @dataclass(frozen=True)
@@ -149,8 +150,9 @@ def about(axis: int, angle: Array) -> Array:
 def profile(
     angle: float, rate: float, acceleration: float, hz: float, late: float
 ) -> tuple[Array, Array, Array]:
-    """Return angle and rate of a move from rest to rest at the samples after its start, and the
-    angle as it was `late` before.
+    """Return angle, rate and angle as it was `late` before, of a move from rest to rest.
+
+    At the samples after its start.
     """
     size = abs(angle)
     top = min(rate, sqrt(size * acceleration))

@@ -9,10 +9,11 @@ from math import radians
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tests.accuracy.turntable import ARCSEC, EARTH, Draw, G, Grade, T, Table, attitude
 
 Array = NDArray[np.float64]
+TABLE = Table()
+TEN = tuple(f"p{k + 1}" for k in range(10))
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,7 +23,6 @@ class Done:
     theta: Array
     covariance: Array
     nis: Array
-    history: Array
 
 
 def cross(v: Array) -> Array:
@@ -59,84 +59,76 @@ def gyro(
     states: int = 19,
     part: slice = slice(None),
     grade: Grade = T,
-    table: Table = Table(),
+    table: Table = TABLE,
     every: int = 10,
-    coarse: int = 2000,
 ) -> Done:
-    """Return bias and S of the gyros: 15, 19 or 28 states."""
+    """Return bias and S of the gyros: 15, 19 or 28 states.
+
+    At rest ω̂ is the earth's rate: readings' noise is what φ walks by, and F is to be free of it.
+    """
     hz = 1 / (made.time[1] - made.time[0])
-    trials = len(made.rates)
-    n = states
-    bias = made.rates[:, 500 : 500 + coarse].mean(1)  # the table at rest in its zero
+    trials, n = len(made.rates), states
     earth = EARTH * np.array([0, np.cos(table.latitude), np.sin(table.latitude)])
-    bias = bias - earth
-    s = np.zeros((trials, 3, 3))
+    bias = made.rates[:, : round(20 * hz)].mean(1) - earth  # the table at rest in its zero
+    s, by_g = np.zeros((trials, 3, 3)), np.zeros((trials, 3, 3))
     gm, late = np.zeros((trials, 3)), np.zeros(trials)
-    by_g = np.zeros((trials, 3, 3))
-    p = np.zeros((trials, n, n))
     sd = np.zeros(n)
     sd[:3], sd[3:6], sd[6:15] = 60 * ARCSEC, radians(1), 0.02
     if n >= 19:
         sd[15:18], sd[18] = grade.gyro_drift, 5e-3
     if n == 28:
-        sd[19:] = radians(50) / 3600 / G
-    p[:] = np.diag(sd**2)
+        sd[19:] = 1e-3 / G
+    p = np.tile(np.diag(sd**2), (trials, 1, 1))
     r = (10 if n == 15 else 4) * ARCSEC
-    rates, forces, angles = (x[:, part] for x in (made.rates, made.forces, made.angles))
-    c = attitude(angles[:, 0])
-    dt = every / hz
-    nis, count, history = np.zeros(trials), 0, []
-    before = rates[:, 0]
+    rates, angles, labels = made.rates[:, part], made.angles[:, part], made.labels[part]
+    still = np.array([name != "" and name[-1] not in "+-" for name in labels])
+    c, dt = attitude(angles[:, 0]), every / hz
+    nis, count = np.zeros(trials), 0
     for k in range(1, rates.shape[1] - every + 1, every):
-        m = np.linalg.inv(np.eye(3) + s)
-        drive = np.zeros((trials, 3, n))
+        m, drive, w = np.linalg.inv(np.eye(3) + s), np.zeros((trials, 3, n)), np.zeros((trials, 3))
         for j in range(k, k + every):
-            now = rates[:, j]
-            mean = 0.5 * (before + now)
-            f = 0.5 * (forces[:, part][:, j] + forces[:, j - 1]) if False else forces[:, j]
+            f = table.gravity * c[:, 2, :]
             wrong = bias + gm + (by_g @ f[..., None])[..., 0]
+            mean = 0.5 * (rates[:, j] + rates[:, j - 1])
             w = (m @ (mean - wrong)[..., None])[..., 0]
-            half = c @ turn(w / (2 * hz))
-            cm = half @ m
+            half = turn(-earth / (2 * hz)) @ c @ turn(w / (2 * hz))
+            cm, felt = half @ m, w
+            if still[j]:
+                felt = (c.swapaxes(1, 2) @ earth[:, None])[..., 0]
             drive[:, :, 3:6] -= cm / hz
-            drive[:, :, 6:15] -= kron(cm, w) / hz
+            drive[:, :, 6:15] -= kron(cm, felt) / hz
             if n == 28:
                 drive[:, :, 19:] -= kron(cm, f) / hz
-            c = turn(-earth / hz) @ c @ turn(w / hz)
-            before = now
-        phi = np.zeros((trials, n, n))
-        phi[:] = np.eye(n)
+            coning = np.cross(rates[:, j - 1], rates[:, j]) / 12
+            c = turn(-earth / hz) @ c @ turn(w / hz + coning / hz**2)
+        phi, q = np.tile(np.eye(n), (trials, 1, 1)), np.zeros((n, n))
         phi[:, :3, :3] = np.eye(3) - cross(earth) * dt
         phi[:, :3, 3:] += drive[:, :, 3:]
-        q = np.zeros((trials, n, n))
-        q[:, :3, :3] = grade.arw**2 * dt * np.eye(3)
+        q[:3, :3] = grade.arw**2 * dt * np.eye(3)
         if n >= 19:
             kept = np.exp(-dt / grade.correlation)
             phi[:, :3, 15:18] = drive[:, :, 3:6]
             phi[:, 15:18, 15:18] = kept * np.eye(3)
             gm = kept * gm
-            q[:, 15:18, 15:18] = grade.gyro_drift**2 * (1 - kept**2) * np.eye(3)
+            q[15:18, 15:18] = grade.gyro_drift**2 * (1 - kept**2) * np.eye(3)
         p = phi @ p @ phi.swapaxes(1, 2) + q
         h = np.zeros((trials, 3, n))
         h[:, :, :3] = np.eye(3)
         z = small(attitude(angles[:, k + every - 1]) @ c.swapaxes(1, 2))
         if n >= 19:
             # The readback is late: it says where the table was.
-            last = (m @ (now - wrong)[..., None])[..., 0]
-            h[:, :, 18] = -((c @ last[..., None])[..., 0] - earth)
+            h[:, :, 18] = earth - (c @ w[..., None])[..., 0]
             z = z - h[:, :, 18] * late[:, None]
         x, p, one = update(p, h, z, r**2 * np.eye(3))
-        nis += one
-        count += 3
+        nis, count = nis + one, count + 3
         c = turn(x[:, :3]) @ c
         bias, s = bias + x[:, 3:6], s + x[:, 6:15].reshape(-1, 3, 3)
         if n >= 19:
             gm, late = gm + x[:, 15:18], late + x[:, 18]
         if n == 28:
             by_g = by_g + x[:, 19:].reshape(-1, 3, 3)
-        history.append(np.concatenate([bias, s.reshape(-1, 9)], axis=1))
     theta = np.concatenate([bias, s.reshape(-1, 9)], axis=1)
-    return Done(theta, p[:, 3:15, 3:15], nis / count, np.array(history))
+    return Done(theta, p[:, 3:15, 3:15], nis / count)
 
 
 def update(p: Array, h: Array, z: Array, r: Array) -> tuple[Array, Array, Array]:
@@ -154,110 +146,93 @@ def update(p: Array, h: Array, z: Array, r: Array) -> tuple[Array, Array, Array]
 def accelerometer(
     made: Draw,
     states: int = 25,
-    holds: tuple[str, ...] = tuple(f"p{k + 1}" for k in range(10)),
+    holds: tuple[str, ...] = TEN,
     grade: Grade = T,
-    table: Table = Table(),
+    table: Table = TABLE,
     every: int = 10,
-    gyros: Array | None = None,
 ) -> Done:
-    """Return bias and S of the accelerometers: 18 or 25 states; `gyros` corrects the gyros."""
+    """Return bias and S of the accelerometers: 18 or 25 states."""
     hz = 1 / (made.time[1] - made.time[0])
-    trials, n = len(made.rates), states
+    trials, n, dt = len(made.rates), states, every / hz
     earth = EARTH * np.array([0, np.cos(table.latitude), np.sin(table.latitude)])
-    if gyros is None:
-        gyros = np.zeros((trials, 12))
-        gyros[:, :3] = made.rates[:, 500:2500].mean(1) - earth
-    mg = np.linalg.inv(np.eye(3) + gyros[:, 3:].reshape(-1, 3, 3))
-    g = np.array([0, 0, table.gravity])
-    bias = made.forces[:, 500:2500].mean(1) - g
-    s, gm, level, held = np.zeros((trials, 3, 3)), np.zeros((trials, 3)), np.zeros((trials, 2)), 0
+    g, first = np.array([0, 0, table.gravity]), slice(0, round(20 * hz))
+    turning = made.rates - (made.rates[:, first].mean(1) - earth)[:, None]
+    bias, s = made.forces[:, first].mean(1) - g, np.zeros((trials, 3, 3))
+    gm, level = np.zeros((trials, 3)), np.zeros((trials, 2))
     sd = np.zeros(n)
     sd[6:9], sd[9:18] = 30e-3 * G, 0.02
-    if n == 25:
-        sd[18:21], sd[21:23], sd[23:25] = grade.acc_drift, 10 * ARCSEC, 3.5 * ARCSEC
-    p = np.zeros((trials, n, n))
-    p[:] = np.diag(sd**2)
-    dt = every / hz
-    nis, count = np.zeros(trials), 0
-    r = np.diag([1e-3**2] * 3 + [((1 if n == 25 else 10) * ARCSEC) ** 2] * 2)
     h = np.zeros((5, n))
     h[:3, :3], h[3:, 3:5] = np.eye(3), np.eye(2)
+    fresh = dict.fromkeys(range(3), 1e-3) | dict.fromkeys(range(3, 6), 5e-4)
     if n == 25:
+        sd[18:21], sd[21:23] = grade.acc_drift, 10 * ARCSEC
+        fresh |= {23: 3.5 * ARCSEC, 24: 3.5 * ARCSEC}
         h[3:, 21:23] = h[3:, 23:25] = -np.eye(2)
-    last_time = 0.0
+    p = np.tile(np.diag(sd**2), (trials, 1, 1))
+    r = np.diag([1e-3**2] * 3 + [((1 if n == 25 else 10) * ARCSEC) ** 2] * 2)
+    nis, count, before = np.zeros(trials), 0, 0.0
     for name in holds:
         at = np.flatnonzero(made.labels == name)
         c, v, held = attitude(made.angles[:, at[0]]), np.zeros((trials, 3)), np.zeros((trials, 2))
-        # Between holds the drift goes on alone.
-        fresh = [*range(6), *((23, 24) if n == 25 else ())]
-        p[:, fresh, :] = p[:, :, fresh] = 0.0
-        for k in range(3):
-            p[:, k, k], p[:, 3 + k, 3 + k] = 1e-6, 5e-4**2
+        for k, size in fresh.items():
+            p[:, k, :] = p[:, :, k] = 0.0
+            p[:, k, k] = size**2
         if n == 25:
-            p[:, 23, 23] = p[:, 24, 24] = sd[23] ** 2
-            kept = np.exp(-(made.time[at[0]] - last_time) / grade.correlation)
+            kept = np.exp(-(made.time[at[0]] - before) / grade.correlation)
             p[:, 18:21, :] *= kept
             p[:, :, 18:21] *= kept
-            for k in range(18, 21):
-                p[:, k, k] += grade.acc_drift**2 * (1 - kept**2)
+            p[:, range(18, 21), range(18, 21)] += grade.acc_drift**2 * (1 - kept**2)
             gm = gm * kept
         for k in range(1, len(at) - every + 1, every):
-            m = np.linalg.inv(np.eye(3) + s)
-            drive, push = np.zeros((trials, 3, n)), np.zeros((trials, 3))
+            m, drive = np.linalg.inv(np.eye(3) + s), np.zeros((trials, 3, n))
+            push = np.zeros((trials, 3))
             for j in at[k : k + every]:
-                w = (
-                    mg @ (0.5 * (made.rates[:, j] + made.rates[:, j - 1]) - gyros[:, :3])[..., None]
-                )[..., 0]
-                f = (
-                    m @ (0.5 * (made.forces[:, j] + made.forces[:, j - 1]) - bias - gm)[..., None]
-                )[..., 0]
+                w = 0.5 * (turning[:, j] + turning[:, j - 1])
+                mean = 0.5 * (made.forces[:, j] + made.forces[:, j - 1])
+                f = (m @ (mean - bias - gm)[..., None])[..., 0]
                 half = turn(-earth / (2 * hz)) @ c @ turn(w / (2 * hz))
                 cm = half @ m
                 drive[:, :, 6:9] += cm / hz
                 drive[:, :, 9:18] += kron(cm, f) / hz
                 push += ((half @ f[..., None])[..., 0] - g) / hz
                 c = turn(-earth / hz) @ c @ turn(w / hz)
-            v = v + push - 2 * np.cross(earth, v) * dt
-            phi = np.zeros((trials, n, n))
-            phi[:] = np.eye(n)
+            v = v + push
+            phi, q = np.tile(np.eye(n), (trials, 1, 1)), np.zeros((n, n))
             phi[:, :3, :3] = np.eye(3) - 2 * cross(earth) * dt
             phi[:, :3, 3:6] = cross(g) * dt
             phi[:, :3, 6:] += drive[:, :, 6:]
             phi[:, 3:6, 3:6] = np.eye(3) - cross(earth) * dt
-            q = np.zeros((trials, n, n))
-            # Velocity noise, and what the turn's noise does to velocity within the update.
-            q[:, :3, :3] = grade.vrw**2 * dt * np.eye(3)
-            q[:, 3:6, 3:6] = grade.arw**2 * dt * np.eye(3)
+            q[:3, :3], q[3:6, 3:6] = grade.vrw**2 * dt * np.eye(3), grade.arw**2 * dt * np.eye(3)
             if n == 25:
                 kept = np.exp(-dt / grade.correlation)
                 phi[:, :3, 18:21] = drive[:, :, 6:9]
                 phi[:, 18:21, 18:21] = kept * np.eye(3)
                 gm = kept * gm
-                q[:, 18:21, 18:21] = grade.acc_drift**2 * (1 - kept**2) * np.eye(3)
+                q[18:21, 18:21] = grade.acc_drift**2 * (1 - kept**2) * np.eye(3)
             p = phi @ p @ phi.swapaxes(1, 2) + q
-            z = np.zeros((trials, 5))
-            z[:, :3] = v
-            z[:, 3:] = small(attitude(made.angles[:, at[k + every - 1]]) @ c.swapaxes(1, 2))[:, :2]
+            tilt = small(attitude(made.angles[:, at[k + every - 1]]) @ c.swapaxes(1, 2))[:, :2]
+            z = np.concatenate([v, tilt], axis=1)
             if n == 25:
                 z[:, 3:] += level + held
             x, p, one = update(p, h, z, r)
-            nis += one
-            count += 5
-            v = v - x[:, :3]
-            c = turn(x[:, 3:6]) @ c
+            nis, count = nis + one, count + 5
+            v, c = v - x[:, :3], turn(x[:, 3:6]) @ c
             bias, s = bias + x[:, 6:9], s + x[:, 9:18].reshape(-1, 3, 3)
             if n == 25:
                 gm, level, held = gm + x[:, 18:21], level + x[:, 21:23], held + x[:, 23:]
-        last_time = made.time[at[-1]]
+        before = made.time[at[-1]]
     theta = np.concatenate([bias, s.reshape(-1, 9)], axis=1)
-    return Done(theta, p[:, 6:18, 6:18], nis / count, np.array([]))
+    return Done(theta, p[:, 6:18, 6:18], nis / count)
 
 
 def summary(done: Done, truth: Array, unit: float) -> tuple[float, float, float, float]:
     """Return rms of bias (in `unit`), scale in ppm, misalignment in ″, and NEES."""
     off = done.theta - truth
     diagonal = np.isin(np.arange(9), (0, 4, 8))
-    rms = lambda x: float(np.sqrt(np.mean(x**2)))
+
+    def rms(x: Array) -> float:
+        return float(np.sqrt(np.mean(x**2)))
+
     nees = np.einsum("ti,tij,tj->t", off, np.linalg.inv(done.covariance), off).mean() / 12
     return (
         rms(off[:, :3]) / unit,

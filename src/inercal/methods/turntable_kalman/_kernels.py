@@ -127,6 +127,39 @@ def _wrong(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def delayed(past: Array, newest: int, when: float, out: Array, rate: Array) -> None:
+    """Write the attitude at a time between kept ones, and the body's rate there in the level frame.
+
+    Parameters
+    ----------
+    past : (k, 10) array
+        Time and attitude, row by row, of the last k samples, in a ring.
+    newest : int
+        Row of the last one.
+    when : float
+        s; beyond what is kept, and beyond the last one, the rate goes on.
+    out : (3, 3) array
+    rate : (3,) array
+        rad/s.
+    """
+    k = past.shape[0]
+    after, before = newest, (newest - 1) % k
+    while past[before, 0] > when and (before - 1) % k != newest:
+        after, before = before, (before - 1) % k
+    one, other = past[before, 1:].reshape(3, 3), past[after, 1:].reshape(3, 3)
+    step = past[after, 0] - past[before, 0]
+    apart(other, one, rate)
+    if step > 0:
+        for i in range(3):
+            rate[i] /= step
+    out[:] = one
+    turn = np.empty(3)
+    for i in range(3):
+        turn[i] = rate[i] * (when - past[before, 0])
+    turn_level(out, turn)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def gyros(
     time: Array,
     rates: Array,
@@ -153,6 +186,7 @@ def gyros(
     p: Array,
     a: Array,
     last: Array,
+    past: Array,
     history: Array,
 ) -> float:
     """Run the gyros' filter over a piece of a recording; return the sum of NIS.
@@ -201,8 +235,10 @@ def gyros(
         part of x that stands for φ and coefficients is fed back and kept zero.
     a : (3, n) array
         The transition since the epoch before, changed in place.
-    last : (4,) array
-        Time and rate of the sample before: changed in place.
+    last : (5,) array
+        Time and rate of the sample before, and its row in `past`: changed in place.
+    past : (k, 10) array
+        Of `delayed`: what the readback, being late, is compared with. Changed in place.
     history : (e, 4 + 2 n) array
         Written at each epoch: z (3) before the update, NIS, the estimates (x with the coefficients
         in their place, φ zero) and their variances.
@@ -213,7 +249,7 @@ def gyros(
     half, move, u, cm = np.zeros((3, 3)), np.zeros(3), np.zeros(3), np.zeros((3, 3))
     keep, drawn, driven = np.ones(n), np.zeros(n), np.zeros((3, 3))
     z, h, turn, fed = np.zeros(3), np.zeros((3, n)), np.zeros(3), np.zeros(3)
-    moved = np.zeros(3)
+    moved, rate = np.zeros(3), np.zeros(3)
     matrix(nominal, axis, weights, theta, _RATE, m)
     total, e = 0.0, 0
     for i in range(time.size):
@@ -260,8 +296,12 @@ def gyros(
             for j in range(3):
                 a[k, gm + j] -= cm[k, j] * dt
         last[0] = time[i]
+        newest = (int(last[4]) + 1) % past.shape[0]
+        last[4], past[newest, 0] = newest, time[i]
         for k in range(3):
             last[1 + k] = rates[i, k]
+            for j in range(3):
+                past[newest, 1 + 3 * k + j] = c[k, j]
         if e == epochs.size or i != epochs[e]:
             continue
         since = time[i] - start[1]
@@ -299,26 +339,33 @@ def gyros(
                 p[k, :] = 0.0
                 p[:, k] = 0.0
                 p[k, k] = start[0]
+                for row in range(past.shape[0]):
+                    past[row, 0] = time[i]
+                    for j in range(3):
+                        past[row, 1 + 3 * k + j] = c[k, j]
             history[e, :4] = 0.0
         else:
-            apart(reference[e], c, z)
+            delay = 0.0
+            if late[0] >= 0:
+                delay += x[late[0]]
+            if late[1] >= 0:
+                delay += x[late[1]] * (time[i] - start[2])
+            delayed(past, newest, time[i] - delay, half, rate)
+            apart(reference[e], half, z)
             h[:] = 0.0
             for k in range(3):
                 h[k, k] = 1.0
                 for j in range(beside.shape[2]):
                     h[k, gm + 3 + j] = beside[e, k, j]
-                rate = -earth[k]
-                for j in range(3):
-                    rate += c[k, j] * u[j]
-                # Attitude as it was `latency` ago.
                 if late[0] >= 0:
-                    h[k, late[0]] = -rate
+                    h[k, late[0]] = -rate[k]
                 if late[1] >= 0:
-                    h[k, late[1]] = -rate * (time[i] - start[2])
+                    h[k, late[1]] = -rate[k] * (time[i] - start[2])
+                history[e, k] = z[k]
+                z[k] -= rate[k] * delay
             nis = 0.0
             for k in range(3):
                 nis += update(x, p, h[k], z[k], variance)
-                history[e, k] = z[k]
             history[e, 3] = nis
             total += nis
             if closed:
@@ -326,6 +373,10 @@ def gyros(
                     turn[k] = x[k]
                     x[k] = 0.0
                 turn_level(c, turn)
+                for row in range(past.shape[0]):
+                    half[:] = past[row, 1:].reshape(3, 3)
+                    turn_level(half, turn)
+                    past[row, 1:] = half.ravel()
                 for s in range(count):
                     theta[s] += x[3 + s]
                     x[3 + s] = 0.0

@@ -2,8 +2,9 @@
 
 States: δV (3), φ (3), coefficients, drift of the biases (3), and what the table's attitude may be
 off by: lean of the base, right angles and harmonics of the readback; or the lean and, anew at each
-hold, an error of its angles (2) that stands for the others. At every hold the attitude is taken from
-the table, the velocity set to zero and both integrated; what is found is fed back ten times a second.
+hold, an error of its angles (2) that stands for the others. At every hold the attitude is taken
+from the table, the velocity set to zero and both integrated; what is found is fed back ten times a
+second.
 """
 
 from collections.abc import Sequence

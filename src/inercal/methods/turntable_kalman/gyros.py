@@ -23,6 +23,7 @@ from inercal.sensors import Sensor
 
 Array = NDArray[np.float64]
 _ARCSEC = radians(1 / 3600)
+_KEPT = 64  # samples; a readback may be that late
 _DRIVEN = ("latency", "clock", "azimuth")
 _ALIGNED = 60 * _ARCSEC  # sd of φ where the attitude is taken from the table
 
@@ -36,7 +37,8 @@ class State:
     x: Array  # (n,)
     p: Array  # (n, n)
     a: Array  # (3, n)
-    last: Array  # (4,)
+    last: Array  # (5,)
+    past: Array  # (k, 10)
     start: Array  # (4,)
     nis: float = 0.0
     epochs: int = 0
@@ -51,6 +53,7 @@ class State:
             p=self.p.copy(),
             a=self.a.copy(),
             last=self.last.copy(),
+            past=self.past.copy(),
             start=self.start.copy(),
         )
 
@@ -148,14 +151,15 @@ class Gyros:
         covariance[at, at] = known
         x = np.zeros(n)
         x[6 + p :] = [one.value for one in self.table]
-        time = float(track.time[0])
+        time, mat = float(track.time[0]), reference(self.bench, track.angles[:1])[0]
         return State(
-            reference(self.bench, track.angles[:1])[0],
+            mat,
             self.first.copy(),
             x,
             covariance,
             np.zeros((3, n)),
-            np.concatenate([[time], track.reading[0, self.part.channels]]),
+            np.concatenate([[time], track.reading[0, self.part.channels], [0.0]]),
+            np.tile(np.concatenate([[time], mat.ravel()]), (_KEPT, 1)),
             np.array([_ALIGNED**2, time, time, 0.0]),
         )
 
@@ -195,6 +199,7 @@ class Gyros:
             after.p,
             after.a,
             after.last,
+            after.past,
             history,
         )
         taken = int((history[:, 3] > 0).sum())

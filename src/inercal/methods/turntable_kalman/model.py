@@ -150,7 +150,8 @@ def coarse(bench: Turntable, track: Track, part: Triad) -> Array:
     InputError
         No rest of 20 s at the start.
     """
-    at = np.flatnonzero(track.hold == track.hold[track.hold >= 0][:1])
+    resting = track.hold[track.hold >= 0]
+    at = np.flatnonzero(track.hold == resting[0]) if resting.size else resting
     lasting = float(track.time[at[-1]] - track.time[at[0]]) if at.size else 0.0
     if lasting < COARSE * (1 - 1e-3):
         raise InputError(

@@ -1,0 +1,244 @@
+"""Both filters on a turntable: against the note's dense ones, in pieces, and where they fail."""
+
+from dataclasses import replace
+from itertools import pairwise
+from math import radians
+
+import numpy as np
+import pytest
+from tests.accuracy import turntable
+from tests.accuracy.turntable_filters import accelerometer as dense_accelerometer
+from tests.accuracy.turntable_filters import gyro as dense_gyro
+from tests.methods.turntable_cases import (
+    ARCSEC,
+    DEG_MIN,
+    bench,
+    columns,
+    observations,
+    score,
+    sensor,
+    track,
+    truth,
+)
+
+from inercal.errors import InputError, NotObserved
+from inercal.estimate import Gaussian
+from inercal.methods.turntable_kalman import METHOD, model
+from inercal.methods.turntable_kalman.accelerometers import Accelerometers
+from inercal.methods.turntable_kalman.gyros import Gyros
+from inercal.recording import Track
+
+SHORT = [("warm-up", (0, 0, 0), 30.0), *turntable.positions(20.0), *turntable.turns(360.0, 20.0)]
+TEN_SECONDS = [(name, angles, 10.0) for name, angles, _ in turntable.positions()]
+HELD = 3.5 * ARCSEC  # the note's error of each hold
+
+
+@pytest.fixture(scope="module")
+def made() -> turntable.Draw:
+    return turntable.draw(1, 3, SHORT)
+
+
+@pytest.mark.parametrize(("states", "chosen"), [(15, False), (19, True)])
+def test_gyros_filter_is_the_notes(made: turntable.Draw, states: int, chosen: bool):
+    if states == 15:  # of a table that is not late: what both would make of it is no result
+        made = turntable.draw(1, 3, SHORT, table=turntable.Table(latency=0.0))
+    dense = dense_gyro(made, states)
+    # Without an azimuth to doubt: the note has no such state.
+    stated = bench(azimuth=replace(bench().azimuth, sd=0.0))
+    for k in range(3):
+        one = track(made).trial(k)
+        ours = Gyros.of(
+            sensor(), stated, one, drifting=chosen, table=False,
+            readback=(4 if chosen else 10) * ARCSEC,
+        )  # fmt: skip
+        state, _ = ours.step(ours.start(one), one)
+        by = columns(ours.part.sensor.coefficients)
+        sd = np.sqrt(np.diagonal(dense.covariance[k]))
+        assert np.max(np.abs(by @ state.theta - dense.theta[k]) / sd) < 0.1
+        assert np.sqrt(np.diagonal(by @ state.p[3:15, 3:15] @ by.T)) == pytest.approx(sd, rel=0.02)
+
+
+@pytest.mark.parametrize(("states", "held"), [(18, "exact"), (25, "lean")])
+def test_accelerometers_filter_is_the_notes(made: turntable.Draw, states: int, held: str):
+    dense = dense_accelerometer(made, states)
+    # The note's 3.5″ of each hold by right angles alone would differ between holds: no harmonics,
+    # and both leans and right angles as large as give it.
+    for k in range(3):
+        one = track(made).trial(k)
+        hold = np.where(np.isin(made.labels, [f"p{n + 1}" for n in range(10)]), one.hold, -1)
+        ours = Accelerometers.of(
+            sensor(), bench(), one, drifting=states == 25, table=held,
+            readback=(1 if states == 25 else 10) * ARCSEC,
+        )  # fmt: skip
+        inside = Track(one.time, one.reading, one.angles, hold)
+        alike = _Alike(**vars(ours))
+        state, _ = alike.step(alike.start(inside), inside)
+        by = columns(ours.part.sensor.coefficients)
+        sd = np.sqrt(np.diagonal(dense.covariance[k]))
+        assert np.max(np.abs(by @ state.theta - dense.theta[k]) / sd) < 0.1
+        assert np.sqrt(np.diagonal(by @ state.p[6:18, 6:18] @ by.T)) == pytest.approx(sd, rel=0.02)
+
+
+class _Alike(Accelerometers):
+    """The filter with the note's error of each hold in the place of what the table declares."""
+
+    def _held(self, angles: np.ndarray) -> np.ndarray:
+        return np.full((len(angles), 2), HELD**2)
+
+
+def test_a_recording_in_pieces_is_the_whole_to_the_last_bit(made: turntable.Draw):
+    one = track(made).trial(0)
+    cuts = np.sort(np.random.default_rng(3).choice(one.time.size - 1, 40, replace=False) + 1)
+    ends = [0, *cuts.tolist(), one.time.size]
+    for ours in (Gyros.of(sensor(), bench(), one), Accelerometers.of(sensor(), bench(), one)):
+        whole, course = ours.step(ours.start(one), one)
+        state, courses = ours.start(one), []
+        for start, stop in pairwise(ends):
+            state, part = ours.step(state, one.slice(start, stop))
+            courses.append(part)
+        assert np.array_equal(state.theta, whole.theta)
+        assert np.array_equal(state.p, whole.p)
+        assert state.nis == pytest.approx(whole.nis, rel=1e-12)
+        joined = courses[0]
+        for part in courses[1:]:
+            joined = joined.joined(part)
+        assert np.array_equal(joined.value, course.value)
+        assert np.array_equal(joined.time, course.time)
+
+
+def test_both_filters_make_one_estimate_in_the_sensors_order(made: turntable.Draw):
+    estimate = METHOD.estimator("")(observations(made), sensor(), bench(), ())
+    names = sensor().coefficients
+    assert estimate.names[:24] == names
+    assert {"latency", "azimuth", "square_1", "sin1[outer]", "lean_x"} <= set(estimate.names)
+    assert estimate.value.shape == (3, len(estimate.names))
+    off = (estimate.value[:, :24] - truth(made, names)) / estimate.std[:, :24]
+    assert np.sqrt(np.mean(off**2)) < 1.3
+    assert [one.name for one in estimate.courses] == ["gyros", "accelerometers"]
+    late = estimate.select(["latency"])
+    assert np.all(np.abs(late.value - 2e-3) < 4 * late.std)
+
+
+def test_biases_of_a_tenth_of_a_degree_a_second_are_found_only_where_fed_back():
+    made = turntable.draw(2, 1, SHORT)
+    one = track(made).trial(0)
+    ours = Gyros.of(sensor(), bench(), one, table=False)
+    raw = replace(ours, first=np.zeros(12))
+    by = columns(ours.part.sensor.coefficients)
+    off = {}
+    for name, filter_ in (("closed", raw), ("open", replace(raw, closed=False))):
+        state, _ = filter_.step(filter_.start(one), one)
+        found = state.theta + state.x[3:15]
+        sd = np.sqrt(np.diagonal(state.p[3:15, 3:15]))
+        off[name] = float(np.max(np.abs(found - made.gyro[0] @ by) / sd)), state.nis / state.epochs
+    assert off["closed"][0] < 5
+    assert off["open"][0] > 50
+    assert off["open"][1] > 10 * off["closed"][1]  # and NIS says so
+
+
+def test_attitudes_at_the_ends_of_turns_alone_leave_six_of_twelve():
+    made = turntable.draw(1, 1, [("warm-up", (0, 0, 0), 30.0), *turntable.turns()])
+    one = track(made).trial(0)
+    ours = Gyros.of(sensor(), bench(), one, table=False)
+    whole, _ = ours.step(ours.start(one), one)
+    assert model.undecided(ours.part, whole.p[3:15, 3:15]) == ()
+    ends = replace(ours, turning=False)
+    state, _ = ends.step(ends.start(one), one)
+    free = model.undecided(ours.part, state.p[3:15, 3:15])
+    assert len(free) == 6
+    assert all(name.split(".")[1].startswith("delta") for one in free for name in _large(one))
+
+
+def _large(direction) -> list[str]:
+    return [name for name, weight in direction.weights.items() if abs(weight) > 0.05]
+
+
+def test_a_run_that_never_turns_about_z_names_what_it_leaves_open():
+    path = [("warm-up", (0, 0, 0), 30.0), ("up", (0, 90, 0), 30.0), ("x+", 1, 360.0, 20.0)]
+    made = turntable.draw(1, 1, [*path, ("rest", (0, 0, 0), 30.0)])
+    with pytest.raises(NotObserved, match=r"of 12 coefficients of the gyros.*gz\.scale") as refused:
+        METHOD.estimator("full")(observations(made), sensor(), bench(), ())
+    assert refused.value.directions
+
+
+def test_a_prior_decides_what_the_run_leaves_open(made: turntable.Draw):
+    one = track(made).trial(0)
+    wide = Gyros.of(sensor(), bench(), one)
+    told = Gaussian.independent(("gx.scale",), (0.005,), (1e-6,))
+    ours = Gyros.of(sensor(), bench(), one, (told,))
+    k = ours.part.sensor.coefficients.index("gx.scale")
+    assert ours.first[k] == pytest.approx(0.005, abs=1e-9)
+    assert ours.prior[k, k] == pytest.approx(1e-12, rel=1e-6)
+    assert wide.prior[k, k] == pytest.approx(0.02**2)
+
+
+@pytest.mark.parametrize("estimator", ["paper", "full"])
+def test_a_readback_20_ms_late_is_a_state_or_an_error(estimator: str):
+    late = turntable.Table(latency=0.02)
+    path = [("warm-up", (0, 0, 0), 30.0), *TEN_SECONDS, *turntable.turns()]
+    made = turntable.draw(3, 6, path, table=late)
+    estimate = METHOD.estimator(estimator)(observations(made), sensor(), bench(late), ())
+    names = [name for name in sensor().coefficients if name[0] == "g"]
+    found = estimate.select(names)
+    judged = score(found.value - truth(made, names), found.stated_covariance, names, DEG_MIN)
+    assert judged.cross < 9 if estimator == "full" else judged.cross > 15
+    assert judged.nees < 2.5 if estimator == "full" else judged.nees > 5
+
+
+def test_sensitivity_to_acceleration_is_found_or_shows():
+    device = turntable.Device(by_g=radians(10) / 3600 / turntable.G)
+    made = turntable.draw(4, 4, SHORT, device=device)
+    seen = observations(made)
+    for also, honest in ((("g",), True), ((), False)):
+        chosen = sensor(turntable.T, *also)
+        estimate = METHOD.estimator("full")(seen, chosen, bench(), ())
+        names = [n for n in chosen.coefficients if n[0] == "g" and ".g_" not in n]
+        found = estimate.select(names)
+        judged = score(found.value - truth(made, names), found.stated_covariance, names, DEG_MIN)
+        assert (judged.nees < 2) == honest
+        if also:
+            told = [n for n in chosen.coefficients if ".g_" in n]
+            off = _by_g(made, told) - estimate.select(told).value
+            assert np.sqrt(np.mean((off / estimate.select(told).std) ** 2)) < 1.5
+
+
+def _by_g(made: turntable.Draw, names: list[str]) -> np.ndarray:
+    rows = [("xyz".index(n[1]), ("i", "p", "o").index(n[-1])) for n in names]
+    return np.stack([made.by_g[:, i, (i + k) % 3] for i, k in rows], axis=1)
+
+
+def test_gravity_that_is_not_known_well_is_in_every_scale_factor(made: turntable.Draw):
+    g = bench().gravity
+    seen = observations(made)
+    sharp = METHOD.estimator("full")(seen, sensor(), bench(), ()).select(["ax.k1", "ay.k1"])
+    stated = bench(gravity=replace(g, sd=40e-6 * g.value))
+    loose = METHOD.estimator("full")(seen, sensor(), stated, ()).select(["ax.k1", "ay.k1"])
+    added = loose.covariance - sharp.covariance
+    assert added == pytest.approx(np.full((3, 2, 2), (40e-6) ** 2), rel=0.05)
+
+
+def test_a_gap_takes_the_attitude_from_the_table_anew(made: turntable.Draw):
+    one = track(made).trial(0)
+    middle = int(np.flatnonzero(made.labels == "y+")[200])
+    kept = np.r_[0:middle, middle + 300 : one.time.size]
+    torn = Track(one.time[kept], one.reading[kept], one.angles[kept], one.hold[kept])
+    ours = Gyros.of(sensor(), bench(), torn)
+    state, _ = ours.step(ours.start(torn), torn)
+    by = columns(ours.part.sensor.coefficients)
+    off = (state.theta - made.gyro[0] @ by) / np.sqrt(np.diagonal(state.p[3:15, 3:15]))
+    assert np.sqrt(np.mean(off**2)) < 1.6
+
+
+def test_what_the_filters_do_not_take_is_refused(made: turntable.Draw):
+    seen = observations(made)
+    estimate = METHOD.estimator("full")
+    with pytest.raises(InputError, match="follow a recording"):
+        estimate(replace(seen, track=None), sensor(), bench(), ())
+    moving = replace(seen, track=replace(track(made), hold=np.full(made.time.size, -1)))
+    with pytest.raises(InputError, match=r"rest of 0 s.*20 s"):
+        estimate(moving, sensor(), bench(), ())
+    silent = replace(sensor(), axes=tuple(replace(a, noise=type(a.noise)()) for a in sensor().axes))
+    with pytest.raises(InputError, match="white"):
+        estimate(seen, silent, bench(), ())
+    with pytest.raises(InputError, match=r"does not find ax\.koq"):
+        estimate(seen, sensor().with_coefficients("bias", "scale", "ax.koq"), bench(), ())

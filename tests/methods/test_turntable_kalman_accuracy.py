@@ -1,0 +1,218 @@
+"""The note's table of both filters, over many devices of the generator: bounds, NEES, failures."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from math import radians, sqrt
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from tests.accuracy import turntable
+from tests.methods.turntable_cases import (
+    ARCSEC,
+    DEG_MIN,
+    FAST,
+    MICRO_G,
+    Score,
+    bench,
+    columns,
+    score,
+    sensor,
+    track,
+)
+
+from inercal.methods.turntable_kalman.accelerometers import Accelerometers
+from inercal.methods.turntable_kalman.gyros import Gyros
+from inercal.recording import Track
+
+Array = NDArray[np.float64]
+Run = Callable[[turntable.Draw, Track, turntable.Grade], tuple[Array, Array]]
+DEVICES = 100
+SEEDS = (1, 2, 3)
+
+
+class AsInTheNote(Accelerometers):
+    """The accelerometers' filter with the note's 3.5″ of each hold."""
+
+    def _held(self, angles: Array) -> Array:
+        return np.full((len(angles), 2), (3.5 * ARCSEC) ** 2)
+
+
+def gyros(*, own: bool = False, readback: float = 4 * ARCSEC, **chosen: bool) -> Run:
+    """Return a run of the gyros' filter, over its own part of the recording or the whole."""
+
+    def run(made: turntable.Draw, one: Track, grade: turntable.Grade) -> tuple[Array, Array]:
+        ours = Gyros.of(sensor(grade), bench(), one, readback=readback, **chosen)
+        first = int(np.flatnonzero(made.labels == "home")[0]) if own else 0
+        piece = one.slice(first, one.time.size)
+        state, _ = ours.step(ours.start(piece), piece)
+        return state.theta, state.p[3:15, 3:15]
+
+    return run
+
+
+def accelerometers(kind: type[Accelerometers], table: str, readback: float) -> Run:
+    def run(made: turntable.Draw, one: Track, grade: turntable.Grade) -> tuple[Array, Array]:
+        ours = kind.of(
+            sensor(grade), bench(), one,
+            drifting=table != "exact", table=table, readback=readback,  # pyright: ignore[reportArgumentType]
+        )  # fmt: skip
+        ours = kind(**vars(ours))
+        state, _ = ours.step(ours.start(one), one)
+        return state.theta, state.p[6:18, 6:18]
+
+    return run
+
+
+def scores(
+    seed: int, path: list, runs: dict[str, Run], grade: turntable.Grade = turntable.T
+) -> dict[str, Score]:
+    """Return the score of each run over the devices of a seed; names of gyros' runs begin with g."""
+    found: dict[str, list[tuple[Array, Array, Array]]] = {name: [] for name in runs}
+    for batch in range(DEVICES // 10):
+        made = turntable.draw(1000 * seed + batch, 10, path, grade)
+        whole = track(made)
+        for k in range(10):
+            for name, run in runs.items():
+                theta, covariance = run(made, whole.trial(k), grade)
+                truth = made.gyro[k] if name[0] == "g" else made.acc[k]
+                found[name].append((theta, covariance, truth))
+    return {name: judged(name, rows) for name, rows in found.items()}
+
+
+def judged(name: str, rows: Sequence[tuple[Array, Array, Array]]) -> Score:
+    names = sensor().only("w" if name[0] == "g" else "f").coefficients
+    by = columns(names)
+    off = np.array([theta - truth @ by for theta, _, truth in rows])
+    covariance = np.array([one for _, one, _ in rows])
+    return score(off, covariance, names, DEG_MIN if name[0] == "g" else MICRO_G)
+
+
+def band(parameters: int = 12, devices: int = DEVICES) -> float:
+    """Return three standard deviations of NEES by parameter."""
+    return 3 * sqrt(2 / (parameters * devices))
+
+
+RUNS = {
+    "g 15, own part": gyros(own=True, drifting=False, table=False, readback=10 * ARCSEC),
+    "g 19, own part": gyros(own=True, table=False),
+    "g 19, whole": gyros(table=False),
+    "g full": gyros(),
+    "a 18": accelerometers(Accelerometers, "exact", 10 * ARCSEC),
+    "a 25": accelerometers(AsInTheNote, "lean", ARCSEC),
+    "a full": accelerometers(Accelerometers, "whole", ARCSEC),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_notes_table_of_grade_t(seed: int):
+    found = scores(seed, turntable.whole(), RUNS)
+    print(seed, {name: tuple(round(x, 4) for x in one) for name, one in found.items()})
+    own, whole, full = (found[f"g {name}"] for name in ("19, own part", "19, whole", "full"))
+    assert own.bias <= 0.016
+    assert own.scale <= 33
+    assert own.cross <= 7.3
+    assert 0.85 <= own.nees <= 1.2
+    for one in (whole, full):
+        assert one.bias <= 0.006
+        assert one.scale <= 19
+        assert one.cross <= 4.2
+    assert abs(full.nees - 1) <= band()
+    held, exact = found["a 25"], found["a full"]
+    for one in (held, exact):
+        assert one.bias <= 11
+        assert one.scale <= 8
+        assert one.cross <= 2.6
+    assert 0.65 <= held.nees <= 1.1
+    assert abs(exact.nees - 1) <= band()
+    # The source's own states are overconfident: its table's errors are in none of them.
+    assert found["g 15, own part"].nees > 1.2
+    assert found["a 18"].nees > 8
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", SEEDS)
+def test_fast_turns_both_ways(seed: int):
+    runs = {"g 19": gyros(own=True, table=False), "g full": gyros(own=True)}
+    found = scores(seed, FAST, runs)
+    print(seed, {name: tuple(round(x, 4) for x in one) for name, one in found.items()})
+    full = found["g full"]
+    assert full.bias <= 0.0105
+    assert full.scale <= 8
+    assert full.cross <= 2.6
+    assert 0.85 <= full.nees <= 1.2
+    assert found["g 19"].nees > 1.35  # without the table's right angles it says too little
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("grade", "gyro", "accelerometer"),
+    [("I", (0.0023, 7.9, 2.2), (6.6, 4.6, 1.7)), ("C", (0.041, 62.0, 12.9), (28.0, 18.0, 4.4))],
+)
+def test_the_notes_table_of_other_grades(
+    grade: str, gyro: tuple[float, ...], accelerometer: tuple[float, ...]
+):
+    runs = {name: RUNS[name] for name in ("g 19, whole", "g full", "a full")}
+    found = scores(1, turntable.whole(), runs, turntable.GRADES[grade])
+    print(grade, {name: tuple(round(x, 4) for x in one) for name, one in found.items()})
+    # The note's figures are of other draws: RMS of 300 numbers or more vary by 8 % (two sd).
+    for one, printed in ((found["g full"], gyro), (found["a full"], accelerometer)):
+        assert all(x <= 1.15 * y for x, y in zip(one[:3], printed, strict=True))
+        assert abs(one.nees - 1) <= band()
+
+
+@pytest.mark.slow
+def test_g_sensitivity_as_a_state_costs_little():
+    device = turntable.Device(by_g=radians(50) / 3600 / turntable.G)
+    rows = []
+    for batch in range(3):
+        made = turntable.draw(700 + batch, 10, turntable.whole(), device=device)
+        whole, chosen = track(made), sensor(turntable.T, "g")
+        for k in range(10):
+            ours = Gyros.of(chosen, bench(), whole.trial(k), table=False)
+            state, _ = ours.step(ours.start(whole), whole.trial(k))
+            names = ours.part.sensor.coefficients
+            at = [names.index(name) for name in sensor().only("w").coefficients]
+            p = state.p[3:, 3:]
+            rows.append((state.theta[at], p[np.ix_(at, at)], made.gyro[k]))
+    found = judged("g", rows)
+    print(found)
+    assert found.bias < 0.0075
+    assert found.scale < 16
+    assert found.cross < 4.2
+
+
+@pytest.mark.slow
+def test_packets_lost_unnoticed_spoil_the_bias_and_noticed_ones_do_not():
+    judged_by: dict[str, Score] = {}
+    for name, share, noticed in (("noticed", 1e-3, True), ("unnoticed", 1e-4, False)):
+        rng, rows = np.random.default_rng(8), []
+        for batch in range(2):
+            made = turntable.draw(800 + batch, 10, turntable.whole())
+            whole = track(made)
+            for k in range(10):
+                one = whole.trial(k)
+                kept = np.flatnonzero(rng.random(one.time.size) >= share)
+                time = one.time[kept] if noticed else one.time[: kept.size]
+                # The readback keeps its own time: unnoticed, readings slip against it.
+                angles = one.angles[kept] if noticed else one.angles[: kept.size]
+                torn = Track(time, one.reading[kept], angles, one.hold[kept])
+                ours = Gyros.of(sensor(), bench(), torn, table=False)
+                state, _ = ours.step(ours.start(torn), torn)
+                rows.append((state.theta, state.p[3:15, 3:15], made.gyro[k]))
+        judged_by[name] = judged("g", rows)
+    print(judged_by)
+    assert judged_by["noticed"].bias < 0.0065
+    assert judged_by["noticed"].nees < 1.6
+    assert judged_by["unnoticed"].bias > 0.02
+    assert judged_by["unnoticed"].nees > 10
+
+
+@pytest.mark.slow
+def test_what_is_exact_in_the_bench_is_not_estimated():
+    exact = replace(bench(), harmonics=(), square=0.0, lean=0.0)
+    made = turntable.draw(5, 1, turntable.whole(20.0))
+    one = track(made).trial(0)
+    assert len(Gyros.of(sensor(), exact, one).names) == 12 + 3 + 2
+    assert len(Accelerometers.of(sensor(), exact, one).names) == 12 + 3
