@@ -112,28 +112,72 @@ def _fill(phi: Array, f: Array) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _wrong(
-    axis: Indices, weights: Array, c: Array, phi: Array, first: int, drift: Array, out: Array
-) -> None:
-    """Write what the coefficients add to a reading beside what is linear in u, and the drift."""
-    for i in range(3):
-        out[i] = drift[i]
-    for m in range(axis.size):
-        total = 0.0
-        for b in range(BASIS):
-            if b < first or b >= first + 3:
-                total += weights[m, b] * phi[b]
-        out[axis[m]] += c[m] * total
+def _used(weights: Array) -> Indices:
+    """Return which of φ a triad's coefficients take part of, 1 among them: biases drift."""
+    return np.array([b for b in range(BASIS) if b == 0 or np.any(weights[:, b] != 0.0)])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def delayed(past: Array, newest: int, when: float, out: Array, rate: Array) -> None:
+def _sum_up(
+    axis: Indices, weights: Array, c: Array, drift: Array, used: Indices, by: Array
+) -> None:
+    """Write what each of φ adds to the readings of the axes, (BASIS, 3), the drift with 1."""
+    for b in used:
+        for i in range(3):
+            by[b, i] = drift[i] if b == 0 else 0.0
+        for m in range(axis.size):
+            by[b, axis[m]] += c[m] * weights[m, b]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _correct(
+    reading: Array, m: Array, by: Array, phi: Array, used: Indices, first: int, u: Array
+) -> None:
+    """Write u = M (reading − what is added beside the part linear in u, φ from `first`)."""
+    u[:] = 0.0
+    for j in range(3):
+        left = reading[j]
+        for b in used:
+            if b < first or b >= first + 3:
+                left -= by[b, j] * phi[b]
+        for k in range(3):
+            u[k] += m[k, j] * left
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add_up(cm: Array, phi: Array, dt: float, used: Indices, made: Array) -> None:
+    """Add C M φ dt, (BASIS, 3, 3)."""
+    for b in used:
+        size = phi[b] * dt
+        for k in range(3):
+            for j in range(3):
+                made[b, k, j] += cm[k, j] * size
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _driven_by(
+    made: Array, axis: Indices, weights: Array, used: Indices, sign: float, first: int, a: Array
+) -> None:
+    """Write the columns of coefficients, from `first` on, and of the drift; begin a new sum."""
+    gm = first + axis.size
+    for k in range(3):
+        for s in range(axis.size):
+            a[k, first + s] = 0.0
+            for b in used:
+                a[k, first + s] += sign * weights[s, b] * made[b, k, axis[s]]
+        for j in range(3):
+            a[k, gm + j] = sign * made[0, k, j]
+    made[:] = 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def delayed(times: Array, past: Array, newest: int, when: float, out: Array, rate: Array) -> None:
     """Write the attitude at a time between kept ones, and the body's rate there in the level frame.
 
     Parameters
     ----------
-    past : (k, 10) array
-        Time and attitude, row by row, of the last k samples, in a ring.
+    times, past : (k,) and (k, 3, 3) arrays
+        Time and attitude of the last k samples, in a ring.
     newest : int
         Row of the last one.
     when : float
@@ -142,20 +186,18 @@ def delayed(past: Array, newest: int, when: float, out: Array, rate: Array) -> N
     rate : (3,) array
         rad/s.
     """
-    k = past.shape[0]
+    k = times.size
     after, before = newest, (newest - 1) % k
-    while past[before, 0] > when and (before - 1) % k != newest:
+    while times[before] > when and (before - 1) % k != newest:
         after, before = before, (before - 1) % k
-    one, other = past[before, 1:].reshape(3, 3), past[after, 1:].reshape(3, 3)
-    step = past[after, 0] - past[before, 0]
-    apart(other, one, rate)
-    if step > 0:
-        for i in range(3):
-            rate[i] /= step
-    out[:] = one
+    apart(past[after], past[before], rate)
+    step, ahead = times[after] - times[before], when - times[before]
     turn = np.empty(3)
     for i in range(3):
-        turn[i] = rate[i] * (when - past[before, 0])
+        rate[i] = rate[i] / step if step > 0 else 0.0
+        turn[i] = rate[i] * ahead
+        for j in range(3):
+            out[i, j] = past[before, i, j]
     turn_level(out, turn)
 
 
@@ -184,8 +226,9 @@ def gyros(
     theta: Array,
     x: Array,
     p: Array,
-    a: Array,
+    made: Array,
     last: Array,
+    times: Array,
     past: Array,
     history: Array,
 ) -> float:
@@ -233,24 +276,27 @@ def gyros(
     c, theta, x, p : arrays
         Attitude (3, 3), coefficients (p,), states (n,) and covariance (n, n): changed in place. The
         part of x that stands for φ and coefficients is fed back and kept zero.
-    a : (3, n) array
-        The transition since the epoch before, changed in place.
+    made : (BASIS, 3, 3) array
+        Σ C M φ Δt since the epoch before, changed in place.
     last : (5,) array
         Time and rate of the sample before, and its row in `past`: changed in place.
-    past : (k, 10) array
+    times, past : (k,) and (k, 3, 3) arrays
         Of `delayed`: what the readback, being late, is compared with. Changed in place.
     history : (e, 4 + 2 n) array
         Written at each epoch: z (3) before the update, NIS, the estimates (x with the coefficients
         in their place, φ zero) and their variances.
     """
     count, n = axis.size, x.size
-    gm = 3 + count
-    m, phi, wrong = np.zeros((3, 3)), np.zeros(BASIS), np.zeros(3)
+    gm, used = 3 + count, _used(weights)
+    m, phi, by = np.zeros((3, 3)), np.zeros(BASIS), np.zeros((BASIS, 3))
+    squares, a = used[-1] >= _SQUARE, np.zeros((3, n))
     half, move, u, cm = np.zeros((3, 3)), np.zeros(3), np.zeros(3), np.zeros((3, 3))
     keep, drawn, driven = np.ones(n), np.zeros(n), np.zeros((3, 3))
     z, h, turn, fed = np.zeros(3), np.zeros((3, n)), np.zeros(3), np.zeros(3)
     moved, rate = np.zeros(3), np.zeros(3)
     matrix(nominal, axis, weights, theta, _RATE, m)
+    _sum_up(axis, weights, theta, x[gm : gm + 3], used, by)
+    phi[0] = 1.0
     total, e = 0.0, 0
     for i in range(time.size):
         dt = time[i] - last[0]
@@ -259,12 +305,9 @@ def gyros(
         for k in range(3):
             phi[_FORCE + k] = gravity * c[2, k]
             move[k] = 0.5 * (rates[i, k] + last[1 + k])
-        _fill(phi, phi[_FORCE : _FORCE + 3])
-        _wrong(axis, weights, theta, phi, _RATE, x[gm : gm + 3], wrong)
-        for k in range(3):
-            u[k] = 0.0
-            for j in range(3):
-                u[k] += m[k, j] * (move[j] - wrong[j])
+        if squares:
+            _fill(phi, phi[_FORCE : _FORCE + 3])
+        _correct(move, m, by, phi, used, _RATE, u)
         # The way within the step, against the level frame; half of it first.
         for k in range(3):
             around = 0.0
@@ -285,28 +328,21 @@ def gyros(
                 cm[k, j] = 0.0
                 for b in range(3):
                     cm[k, j] += half[k, b] * m[b, j]
-        for s in range(count):
-            size = 0.0
-            for b in range(BASIS):
-                size += weights[s, b] * phi[b]
-            size *= dt
-            for k in range(3):
-                a[k, 3 + s] -= cm[k, axis[s]] * size
-        for k in range(3):
-            for j in range(3):
-                a[k, gm + j] -= cm[k, j] * dt
+        _add_up(cm, phi, dt, used, made)
         last[0] = time[i]
-        newest = (int(last[4]) + 1) % past.shape[0]
-        last[4], past[newest, 0] = newest, time[i]
+        newest = (int(last[4]) + 1) % times.size
+        last[4], times[newest] = newest, time[i]
         for k in range(3):
             last[1 + k] = rates[i, k]
             for j in range(3):
-                past[newest, 1 + 3 * k + j] = c[k, j]
+                past[newest, k, j] = c[k, j]
         if e == epochs.size or i != epochs[e]:
             continue
         since = time[i] - start[1]
         start[1] = time[i]
         kept = np.exp(-since / correlation)
+        a[:] = 0.0
+        _driven_by(made, axis, weights, used, -1.0, 3, a)
         for k in range(3):
             for j in range(3):
                 a[k, j] = 1.0 if k == j else 0.0
@@ -330,7 +366,6 @@ def gyros(
             for k in range(3):
                 x[k] = moved[k]
         predict(p, a, keep, driven, drawn)
-        a[:] = 0.0
         if start[3] > 0:
             # φ is lost, all else is kept.
             start[3] = 0.0
@@ -339,10 +374,8 @@ def gyros(
                 p[k, :] = 0.0
                 p[:, k] = 0.0
                 p[k, k] = start[0]
-                for row in range(past.shape[0]):
-                    past[row, 0] = time[i]
-                    for j in range(3):
-                        past[row, 1 + 3 * k + j] = c[k, j]
+            times[:] = time[i]
+            past[:] = c
             history[e, :4] = 0.0
         else:
             delay = 0.0
@@ -350,7 +383,7 @@ def gyros(
                 delay += x[late[0]]
             if late[1] >= 0:
                 delay += x[late[1]] * (time[i] - start[2])
-            delayed(past, newest, time[i] - delay, half, rate)
+            delayed(times, past, newest, time[i] - delay, half, rate)
             apart(reference[e], half, z)
             h[:] = 0.0
             for k in range(3):
@@ -373,14 +406,13 @@ def gyros(
                     turn[k] = x[k]
                     x[k] = 0.0
                 turn_level(c, turn)
-                for row in range(past.shape[0]):
-                    half[:] = past[row, 1:].reshape(3, 3)
-                    turn_level(half, turn)
-                    past[row, 1:] = half.ravel()
+                for row in range(times.size):
+                    turn_level(past[row], turn)
                 for s in range(count):
                     theta[s] += x[3 + s]
                     x[3 + s] = 0.0
                 matrix(nominal, axis, weights, theta, _RATE, m)
+        _sum_up(axis, weights, theta, x[gm : gm + 3], used, by)
         for s in range(n):
             history[e, 4 + s] = theta[s - 3] + x[s] if 3 <= s < gm else x[s]
             history[e, 4 + n + s] = p[s, s]
@@ -413,7 +445,7 @@ def accelerometers(
     theta: Array,
     x: Array,
     p: Array,
-    a: Array,
+    made: Array,
     last: Array,
     history: Array,
 ) -> float:
@@ -444,16 +476,17 @@ def accelerometers(
         Variances of δV and φ when a hold begins.
     held : (e, 2) array
         Variance of the error of a hold's angles about east and north, at its first epoch.
-    c, theta, x, p, a, history
-        As of `gyros`; a (6, n), history (e, 6 + 2 n) with the five observations.
+    c, theta, x, p, made, history
+        As of `gyros`; history (e, 6 + 2 n) with the five observations.
     last : (12,) array
         Time, force, rate of the sample before; number of its hold, time of the epoch before, and
         velocity: changed in place.
     """
     count, n = axis.size, x.size
-    gm = 6 + count
+    gm, used = 6 + count, _used(weights)
     own = gm + 3 + beside.shape[2]  # where a hold's own error begins
-    m, phi, wrong = np.zeros((3, 3)), np.zeros(BASIS), np.zeros(3)
+    m, phi, by = np.zeros((3, 3)), np.zeros(BASIS), np.zeros((BASIS, 3))
+    squares, a = used[-1] >= _SQUARE, np.zeros((6, n))
     half, move, u, cm = np.zeros((3, 3)), np.zeros(3), np.zeros(3), np.zeros((3, 3))
     keep, drawn, driven = np.ones(n), np.zeros(n), np.zeros((6, 6))
     z, h, turn, fed = np.zeros(5), np.zeros((5, n)), np.zeros(3), np.zeros(3)
@@ -465,6 +498,8 @@ def accelerometers(
         if own < n:
             h[3 + k, own + k] = -1.0
     matrix(nominal, axis, weights, theta, _FORCE, m)
+    _sum_up(axis, weights, theta, x[gm : gm + 3], used, by)
+    phi[0] = 1.0
     total, e = 0.0, 0
     for i in range(time.size):
         here = hold[i]
@@ -476,13 +511,9 @@ def accelerometers(
                 move[k] = 0.5 * (forces[i, k] + last[1 + k])
                 u[k] = move[k]
             # What depends on f² takes f as corrected before.
-            for _ in range(2):
+            for _ in range(2 if squares else 1):
                 _fill(phi, u)
-                _wrong(axis, weights, theta, phi, _FORCE, x[gm : gm + 3], wrong)
-                for k in range(3):
-                    u[k] = 0.0
-                    for j in range(3):
-                        u[k] += m[k, j] * (move[j] - wrong[j])
+                _correct(move, m, by, phi, used, _FORCE, u)
             _fill(phi, u)
             for k in range(3):
                 around = 0.0
@@ -501,16 +532,7 @@ def accelerometers(
                     for b in range(3):
                         cm[k, j] += half[k, b] * m[b, j]
                 last[9 + k] += gain * dt
-            for s in range(count):
-                size = 0.0
-                for b in range(BASIS):
-                    size += weights[s, b] * phi[b]
-                size *= dt
-                for k in range(3):
-                    a[k, 6 + s] += cm[k, axis[s]] * size
-            for k in range(3):
-                for j in range(3):
-                    a[k, gm + j] += cm[k, j] * dt
+            _add_up(cm, phi, dt, used, made)
         last[0] = time[i]
         for k in range(3):
             last[1 + k], last[4 + k] = forces[i, k], rates[i, k]
@@ -532,7 +554,7 @@ def accelerometers(
                     x[s] = 0.0
                     p[s, s] = fresh[0] if s < 3 else fresh[1] if s < 6 else held[e, s - own]
             last[9:] = 0.0
-            a[:] = 0.0
+            made[:] = 0.0
             c[:] = reference[e]
         if not at:
             continue
@@ -543,9 +565,9 @@ def accelerometers(
             last[8] = time[i]
             kept = np.exp(-since / correlation)
             driven[:] = 0.0
+            a[:] = 0.0
+            _driven_by(made, axis, weights, used, 1.0, 6, a)
             for k in range(3):
-                for j in range(6):
-                    a[k, j] = a[3 + k, j] = 0.0
                 a[k, k] = a[3 + k, 3 + k] = 1.0
                 keep[gm + k] = kept
                 drawn[gm + k] = drift[k, 0] * (1 - kept * kept) + drift[k, 1] * since
@@ -562,7 +584,6 @@ def accelerometers(
             a[1, 0], a[2, 0], a[2, 1] = -2 * w2, 2 * w1, -2 * w0
             a[0, 4], a[1, 3] = -gravity * since, gravity * since
             predict(p, a, keep, driven, drawn)
-            a[:] = 0.0
             apart(reference[e], c, apart_by)
             for k in range(2):
                 for j in range(beside.shape[2]):
@@ -583,6 +604,7 @@ def accelerometers(
                 theta[s] += x[6 + s]
                 x[6 + s] = 0.0
             matrix(nominal, axis, weights, theta, _FORCE, m)
+        _sum_up(axis, weights, theta, x[gm : gm + 3], used, by)
         for s in range(n):
             history[e, 6 + s] = theta[s - 6] if 6 <= s < gm else x[s]
             history[e, 6 + n + s] = p[s, s]

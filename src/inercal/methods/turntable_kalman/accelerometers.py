@@ -20,6 +20,7 @@ from inercal.benches.turntable_attitude import misalignment, reference
 from inercal.estimate import Course, Gaussian
 from inercal.methods.turntable_kalman import _kernels, model
 from inercal.methods.turntable_kalman.model import Triad, beside
+from inercal.methods.turntable_kalman.terms import BASIS
 from inercal.parameters import Parameter
 from inercal.recording import Track
 from inercal.sensors import Sensor
@@ -39,7 +40,7 @@ class State:
     theta: Array  # (p,)
     x: Array  # (n,)
     p: Array  # (n, n)
-    a: Array  # (6, n)
+    made: Array  # (BASIS, 3, 3)
     last: Array  # (12,)
     nis: float = 0.0
     epochs: int = 0
@@ -52,7 +53,7 @@ class State:
             theta=self.theta.copy(),
             x=self.x.copy(),
             p=self.p.copy(),
-            a=self.a.copy(),
+            made=self.made.copy(),
             last=self.last.copy(),
         )
 
@@ -152,7 +153,9 @@ class Accelerometers:
         last = np.zeros(12)
         last[0] = last[8] = track.time[0]
         last[7] = -1
-        return State(np.eye(3), self.first.copy(), np.zeros(n), covariance, np.zeros((6, n)), last)
+        return State(
+            np.eye(3), self.first.copy(), np.zeros(n), covariance, np.zeros((BASIS, 3, 3)), last
+        )
 
     def step(self, state: State, track: Track) -> tuple[State, Course]:
         """Return the state after the samples of a track, and the course through them."""
@@ -194,7 +197,7 @@ class Accelerometers:
             after.theta,
             after.x,
             after.p,
-            after.a,
+            after.made,
             after.last,
             history,
         )

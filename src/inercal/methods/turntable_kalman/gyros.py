@@ -17,6 +17,7 @@ from inercal.benches.turntable_attitude import misalignment, reference
 from inercal.estimate import Course, Gaussian
 from inercal.methods.turntable_kalman import _kernels, model
 from inercal.methods.turntable_kalman.model import Triad, beside
+from inercal.methods.turntable_kalman.terms import BASIS
 from inercal.parameters import Parameter
 from inercal.recording import Track
 from inercal.sensors import Sensor
@@ -36,9 +37,10 @@ class State:
     theta: Array  # (p,)
     x: Array  # (n,)
     p: Array  # (n, n)
-    a: Array  # (3, n)
+    made: Array  # (BASIS, 3, 3)
     last: Array  # (5,)
-    past: Array  # (k, 10)
+    times: Array  # (k,)
+    past: Array  # (k, 3, 3)
     start: Array  # (4,)
     nis: float = 0.0
     epochs: int = 0
@@ -51,8 +53,9 @@ class State:
             theta=self.theta.copy(),
             x=self.x.copy(),
             p=self.p.copy(),
-            a=self.a.copy(),
+            made=self.made.copy(),
             last=self.last.copy(),
+            times=self.times.copy(),
             past=self.past.copy(),
             start=self.start.copy(),
         )
@@ -157,9 +160,10 @@ class Gyros:
             self.first.copy(),
             x,
             covariance,
-            np.zeros((3, n)),
+            np.zeros((BASIS, 3, 3)),
             np.concatenate([[time], track.reading[0, self.part.channels], [0.0]]),
-            np.tile(np.concatenate([[time], mat.ravel()]), (_KEPT, 1)),
+            np.full(_KEPT, time),
+            np.tile(mat, (_KEPT, 1, 1)),
             np.array([_ALIGNED**2, time, time, 0.0]),
         )
 
@@ -197,8 +201,9 @@ class Gyros:
             after.theta,
             after.x,
             after.p,
-            after.a,
+            after.made,
             after.last,
+            after.times,
             after.past,
             history,
         )
