@@ -283,7 +283,7 @@ def gyros(
     times, past : (k,) and (k, 3, 3) arrays
         Of `delayed`: what the readback, being late, is compared with. Changed in place.
     history : (e, 4 + 2 n) array
-        Written at each epoch: z (3) before the update, NIS, the estimates (x with the coefficients
+        Written at each epoch: innovations (3), NIS, the estimates (x with the coefficients
         in their place, φ zero) and their variances.
     """
     count, n = axis.size, x.size
@@ -394,8 +394,10 @@ def gyros(
                     h[k, late[0]] = -rate[k]
                 if late[1] >= 0:
                     h[k, late[1]] = -rate[k] * (time[i] - start[2])
-                history[e, k] = z[k]
                 z[k] -= rate[k] * delay
+                history[e, k] = z[k]
+                for j in range(gm + 3, n):
+                    history[e, k] -= h[k, j] * x[j]
             nis = 0.0
             for k in range(3):
                 nis += update(x, p, h[k], z[k], variance)
@@ -591,8 +593,10 @@ def accelerometers(
             nis = 0.0
             for k in range(5):
                 z[k] = last[9 + k] if k < 3 else apart_by[k - 3]
-                nis += update(x, p, h[k], z[k], variance[0] if k < 3 else variance[1])
                 history[e, k] = z[k]
+                for j in range(gm + 3, n):
+                    history[e, k] -= h[k, j] * x[j]
+                nis += update(x, p, h[k], z[k], variance[0] if k < 3 else variance[1])
             history[e, 5] = nis
             total += nis
             for k in range(3):
