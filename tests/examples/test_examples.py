@@ -64,6 +64,7 @@ def test_every_run_file_of_the_examples_is_run_by_a_test():
     # by tests/test_dividing_head_runs.py
     run |= {"rate_table/ship.toml"}  # by tests/test_rate_table_runs.py
     run |= {"rate_table/ship_recording.toml"}  # by tests/test_rate_table_simulated.py
+    run |= {"turntable/mimu.toml"}
     run |= {f"dividing_head/{name}.toml" for name in ("pair", "lab", "tumble")}
     assert found == run | {f"ferraris_recordings/{name}.toml" for name in SESSIONS}
 
@@ -75,7 +76,9 @@ def test_six_positions_from_a_table_of_means_agree_with_its_half_sums(examples: 
     assert outcome.calibration.value("ax.k0") == pytest.approx(bias, abs=1e-5 * 9.80665)
 
 
-@pytest.mark.parametrize("name", ["ferraris_simulated/run", "hand_held/simulated"])
+@pytest.mark.parametrize(
+    "name", ["ferraris_simulated/run", "hand_held/simulated", "turntable/mimu"]
+)
 def test_the_simulated_session_is_calibrated_to_its_truth(examples: Path, name: str):
     run = read(examples / f"{name}.toml")
     write_recording(named_as_in(run, simulate(run)), run.file(run.data.file))
@@ -83,7 +86,7 @@ def test_the_simulated_session_is_calibrated_to_its_truth(examples: Path, name: 
     truth = np.array([run.truth.get(name, 0.0) for name in calibration.sensor.coefficients])
     error = calibration.values - truth
     nees = error @ np.linalg.solve(calibration.covariance, error)
-    # χ² with 33 (30) degrees of freedom: these are its 0.003 % and 99.9 % (99.97 %) points.
+    # χ² with 33 (30, 24) degrees of freedom: these are its 0.003 % (0.5 % of 24) and 99.9 % points.
     assert 10 < nees < 63
 
 

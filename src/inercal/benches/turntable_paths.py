@@ -12,6 +12,7 @@ system.
 from collections.abc import Callable, Mapping
 from math import radians
 
+from inercal.errors import InputError
 from inercal.plan import Position, Rotation, TableStep
 
 _HOME = (0.0, 0.0, 0.0)
@@ -30,6 +31,19 @@ _WARM_UP = Position("warm-up", _HOME, 120.0)
 _REST = Position("rest", _HOME, 72.0)
 _SLOW, _FAST = radians(10), radians(30)  # rad/s
 _TWICE, _THRICE = radians(720), radians(1080)
+
+
+def named(path: str = "paper", seconds: float = 90.0) -> tuple[TableStep, ...]:
+    """Return a path by name, with positions of so many seconds.
+
+    Raises
+    ------
+    InputError
+        No such path; the message lists those there are.
+    """
+    if path not in PATHS:
+        raise InputError(f"no path {path!r}; there are {', '.join(PATHS)}")
+    return PATHS[path](seconds)
 
 
 def paper(seconds: float = 90.0) -> tuple[TableStep, ...]:

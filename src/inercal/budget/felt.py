@@ -14,6 +14,7 @@ from inercal.benches import (
     DividingHead,
     Hand,
     RateTable,
+    Turntable,
     dividing_head,
     rate_table,
 )
@@ -22,7 +23,7 @@ from inercal.benches.hand import felt, tilted
 from inercal.errors import InputError
 from inercal.motion import Motion
 from inercal.parameters import Parameter
-from inercal.plan import HandStep, Hold, Index, Spin, Step, Turn
+from inercal.plan import HandStep, Hold, Index, Position, Rotation, Spin, Step, Turn
 from inercal.sensors import Sensor
 
 Array = NDArray[np.float64]
@@ -31,6 +32,7 @@ _STEPS: Mapping[type[Bench], tuple[type, ...]] = {
     Centrifuge: (Spin,),
     DividingHead: (Index,),
     RateTable: (Spin,),
+    Turntable: (Position, Rotation),
 }
 
 
@@ -42,6 +44,11 @@ def require_possible(bench: Bench, steps: Sequence[Step]) -> None:
     InputError
         No steps, steps of another bench, or attitudes on the arm that are not known.
     """
+    if isinstance(bench, Turntable):
+        raise InputError(
+            "a budget is of means, and a turntable's filters follow every sample: inercal plan "
+            "turntable-kalman says what a path gives"
+        )
     if not steps:
         raise InputError("a budget needs a plan; this one has no steps")
     if not all(isinstance(step, _STEPS[type(bench)]) for step in steps):
@@ -73,6 +80,8 @@ def parameters(bench: Bench, steps: Sequence[Step], sensor: Sensor) -> dict[str,
         return bench.nuisances(_indexed(steps), sensor.channels)
     if isinstance(bench, RateTable):
         return bench.nuisances(_spun(steps))
+    if isinstance(bench, Turntable):
+        return bench.nuisances()
     rates = any(axis.measures == "w" for axis in sensor.axes)
     return bench.nuisances([step for step in steps if isinstance(step, Hold | Turn)], rates=rates)
 

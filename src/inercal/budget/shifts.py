@@ -13,7 +13,7 @@ from math import degrees
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches import Bench, Centrifuge, DividingHead, Hand, RateTable
+from inercal.benches import Bench, Centrifuge, DividingHead, Hand, RateTable, Turntable
 from inercal.budget.experiment import Experiment
 from inercal.sensors import G0
 from inercal.units import Measured
@@ -52,6 +52,7 @@ EFFECTS: Mapping[type[Bench], tuple[Effect, ...]] = {
     ),
     DividingHead: (),
     RateTable: (),
+    Turntable: (),
 }
 
 

@@ -13,6 +13,7 @@ from inercal.methods import (
     ship_planar,
     six_position,
     tumble,
+    turntable_kalman,
 )
 from inercal.methods._base import Method
 
@@ -27,6 +28,7 @@ METHODS: Mapping[str, Method[Any, Any]] = {
         tumble,
         ship_planar,
         ship_multi_angle,
+        turntable_kalman,
     )
 }
 

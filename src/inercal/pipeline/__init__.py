@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from inercal.benches import Bench, Centrifuge, DividingHead, Hand, RateTable
+from inercal.benches import Bench, Centrifuge, DividingHead, Hand, RateTable, Turntable
 from inercal.calibration import Calibration, Frame
 from inercal.calibration.verdict import verdict
 from inercal.errors import InputError, NotObserved
@@ -22,7 +22,7 @@ from inercal.io.table import sha256_of
 from inercal.methods.multi_position.timing import delay
 from inercal.methods.ship_multi_angle.evolution import Generation, History
 from inercal.parameters import Parameter
-from inercal.pipeline import by_hand, on_arm, on_head, on_table
+from inercal.pipeline import by_hand, on_arm, on_head, on_table, on_turntable
 from inercal.pipeline.bench_errors import stated
 from inercal.pipeline.inputs import (
     Gathered,
@@ -52,7 +52,7 @@ class Outcome:
     observations : Observations
     steps : tuple of Step
         Of each observation.
-    bench : Hand, Centrifuge, DividingHead or RateTable
+    bench : Hand, Centrifuge, DividingHead, RateTable or Turntable
     recording : Recording or None
         None when means were read straight in.
     marks : tuple of Mark
@@ -193,6 +193,8 @@ def _gather(run: Run, bench: Bench) -> Gathered:
         return on_arm.gather(run, bench)
     if isinstance(bench, DividingHead):
         return on_head.gather(run, bench)
+    if isinstance(bench, Turntable):
+        return on_turntable.gather(run, bench)
     return on_table.gather(run, bench)
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from inercal.benches import Bench, Centrifuge, DividingHead, Hand
+from inercal.benches import Bench, Centrifuge, DividingHead, Hand, Turntable
 from inercal.parameters import Parameter
 from inercal.plan import Hold, Index, Spin, Step, Turn
 from inercal.sensors import Sensor
@@ -20,4 +20,6 @@ def stated(bench: Bench, steps: Sequence[Step], sensor: Sensor) -> Mapping[str, 
     if isinstance(bench, DividingHead):
         indexed = [step for step in steps if isinstance(step, Index)]
         return bench.nuisances(indexed, sensor.channels)
+    if isinstance(bench, Turntable):
+        return bench.nuisances()
     return bench.nuisances([step for step in steps if isinstance(step, Spin)])

@@ -1,9 +1,10 @@
 """What a run file says of its data, in the words of `inercal.io`: columns, limits, deviations."""
 
+from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from inercal.benches import Hand
+from inercal.benches import Hand, Turntable
 from inercal.errors import InputError
 from inercal.io.audit import accept
 from inercal.io.read import Columns, read_recording
@@ -108,7 +109,10 @@ def columns(run: Run) -> Columns:
 
 
 def readback_columns(run: Run) -> dict[str, str]:
-    """Return the columns in which a bench states rates, angles and levels, by readback."""
+    """Return the columns in which a bench states rates, angles and levels, by readback.
+
+    The axes of a turntable are columns of their own names unless [data] `table` says otherwise.
+    """
     data = run.data
     single = {
         "arm_rate": data.arm_rate,
@@ -119,6 +123,9 @@ def readback_columns(run: Run) -> dict[str, str]:
     found = {name: str(column) for name, column in single.items() if column is not None}
     if data.attitude is not None:
         found |= dict(zip(("psi", "theta"), map(str, data.attitude), strict=True))
+    if isinstance(run.bench, Turntable):
+        names = run.bench.names
+        found |= dict(zip(names, map(str, data.table or names), strict=True))
     return found
 
 
@@ -146,10 +153,28 @@ def readback_units(run: Run) -> dict[str, float]:
         ("angle_unit", ("angle",)),
         ("autocollimator_unit", ("autocollimator",)),
         ("level_unit", ("level",)),
+        ("table_unit", ("outer", "middle", "inner")),
     ):
         one = si_value(f"1 {getattr(run.data, key)}", "°", f"{run.path}: [data] {key}")
         sizes |= dict.fromkeys(names, one)
     return sizes
+
+
+def require_own_columns(run: Run) -> None:
+    """Refuse a column that is named for two things.
+
+    Raises
+    ------
+    InputError
+        Naming it.
+    """
+    kinds = {axis.measures for axis in run.sensor.axes}
+    used = [str(column) for column in run.data.accelerometer] + list(readback_columns(run).values())
+    if "w" in kinds and run.data.gyro_file is None:
+        used += [str(column) for column in run.data.gyro]
+    twice = [column for column, count in Counter(used).items() if count > 1]
+    if twice:
+        raise InputError(f"{run.path}: [data] names column {twice[0]!r} for two things")
 
 
 def plain(value: object) -> str:

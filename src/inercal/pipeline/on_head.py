@@ -23,6 +23,7 @@ from inercal.pipeline.inputs import (
     plain,
     readback_columns,
     readback_units,
+    require_own_columns,
     stated_sd,
 )
 from inercal.plan import Index
@@ -44,7 +45,7 @@ def gather(run: Run, bench: DividingHead) -> Gathered:
     """
     if run.data.seconds is not None:
         raise InputError(f"{run.path}: [data] seconds: a dividing head stands still; leave it out")
-    _require_own_columns(run)
+    require_own_columns(run)
     made = _table(run, bench) if run.data.kind == "means" else _recording(run)
     recording, marks, observations, steps, findings = made
     require_small(run, steps)
@@ -60,14 +61,6 @@ _TURNS = 60.0  # rad; no run turns so often
 _Made = tuple[
     Recording | None, tuple[Mark, ...], Observations, tuple[Index, ...], tuple[Finding, ...]
 ]
-
-
-def _require_own_columns(run: Run) -> None:
-    """Refuse a column that is named for two things."""
-    used = [str(column) for column in run.data.accelerometer] + list(readback_columns(run).values())
-    twice = [column for column, count in Counter(used).items() if count > 1]
-    if twice:
-        raise InputError(f"{run.path}: [data] names column {twice[0]!r} for two things")
 
 
 def _table(run: Run, bench: DividingHead) -> _Made:

@@ -5,16 +5,17 @@ from pathlib import Path
 
 import numpy as np
 
-from inercal.benches import Centrifuge, Hand, RateTable
+from inercal.benches import Centrifuge, Hand, RateTable, Turntable
 from inercal.benches.arm_run import perform_on_arm, seconds_on_arm
 from inercal.benches.head_run import perform_on_head
 from inercal.benches.simulate import perform
 from inercal.benches.table_run import perform_on_table, seconds_on_table
+from inercal.benches.turntable_run import perform_on_turntable, seconds_on_turntable
 from inercal.errors import InputError
 from inercal.motion import Motion
 from inercal.pipeline.by_hand import nominal
 from inercal.pipeline.inputs import columns, limits, readback_columns, readback_units
-from inercal.plan import Index, Spin
+from inercal.plan import Index, Position, Rotation, Spin, TableStep
 from inercal.recording import Recording
 from inercal.runfile import Run, read
 from inercal.sensors import Axis, Sensor
@@ -59,6 +60,9 @@ def simulate(run: Run | str | Path, seed: int = 0, trials: int | None = None) ->
         done, readback = perform_on_arm(bench, _spins(run), rate, rng, several)
     elif isinstance(bench, RateTable):
         done, readback = perform_on_table(bench, _spins(run), rate, rng, several)
+    elif isinstance(bench, Turntable):
+        done, said = perform_on_turntable(bench, _on_turntable(run), rate, rng, several)
+        readback = said if trials else {name: values[0] for name, values in said.items()}
     else:
         indexed = [step for step in run.steps if isinstance(step, Index)]
         on_head = perform_on_head(bench, indexed, sensor.channels, rate, rng, several)
@@ -83,10 +87,16 @@ def _spins(run: Run) -> list[Spin]:
     return [step for step in run.steps if isinstance(step, Spin)]
 
 
+def _on_turntable(run: Run) -> list[TableStep]:
+    return [step for step in run.steps if isinstance(step, Position | Rotation)]
+
+
 def _seconds(run: Run) -> float:
     """Return how long the plan lasts at most."""
     if isinstance(run.bench, RateTable):
         return seconds_on_table(_spins(run))
+    if isinstance(run.bench, Turntable):
+        return seconds_on_turntable(run.bench, _on_turntable(run))
     return sum(
         seconds_on_arm(step) if isinstance(step, Spin) else step.seconds for step in run.steps
     )

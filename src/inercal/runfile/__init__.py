@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from inercal.benches import Bench
+from inercal.benches import Bench, Turntable
 from inercal.errors import InputError
 from inercal.estimate import Gaussian
 from inercal.methods import Method, method
@@ -26,6 +26,7 @@ from inercal.methods.ship_multi_angle.evolution import Generation, Options
 from inercal.plan import Step
 from inercal.runfile.build import build_bench, build_sensor, coefficient_value, si_value
 from inercal.runfile.checks import KINDS, axes_of, require_columns, require_frame, require_once
+from inercal.runfile.path import on_path
 from inercal.runfile.priors import prior_from, static_prior
 from inercal.runfile.schema import DataSection, MethodSection, RunSchema
 from inercal.runfile.search import searching
@@ -42,6 +43,7 @@ _PLAN = (
     ("attitudes", "", "attitudes"),
     ("rates", "rpm", "rates"),
     ("turns", "", "turns"),
+    ("path", "", "path"),
 )
 _SENSE = ", or negative for a turn clockwise seen from above"
 
@@ -60,7 +62,7 @@ class Run:
         With readouts, noise and the coefficients wanted; all axes, also those not calibrated.
     truth : mapping of str to float
         Coefficients for a simulation, SI.
-    bench : Hand, Centrifuge, DividingHead or RateTable
+    bench : Hand, Centrifuge, DividingHead, RateTable or Turntable
     data : DataSection
     method : Method
     estimator : str
@@ -177,6 +179,8 @@ def _build(path: Path, digest: str, schema: RunSchema) -> Run:
         )
     require_columns(schema, bench)
     plan = _plan(chosen, schema.method)
+    if isinstance(bench, Turntable):
+        plan = on_path(schema.method, bench, path.parent, plan)
     chosen.estimator(schema.method.estimator)
     estimator = schema.method.estimator or next(iter(chosen.estimators))
     require_frame(schema.sensor.frame, chosen, estimator)

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from inercal.benches import Bench, Centrifuge, DividingHead, Hand, RateTable
+from inercal.benches import Bench, Centrifuge, DividingHead, Hand, RateTable, Turntable
 from inercal.errors import InputError
 from inercal.estimate import Gaussian
 from inercal.methods import METHODS, Method
@@ -14,6 +14,7 @@ KINDS = {
     Centrifuge: "centrifuge",
     DividingHead: "dividing_head",
     RateTable: "rate_table",
+    Turntable: "turntable",
 }
 _NEEDED: Mapping[
     type[Bench], Mapping[str, str]
@@ -32,6 +33,7 @@ _OWN: Mapping[str, tuple[type[Bench], ...]] = {  # keys of [data] that belong to
     "angle": (DividingHead,),
     "autocollimator": (DividingHead,),
     "level": (DividingHead,),
+    "table": (Turntable,),
 }
 _TRIAD = ("x", "y", "z")
 
@@ -90,6 +92,11 @@ def require_columns(schema: RunSchema, bench: Bench) -> None:
     for key, what in _NEEDED.get(kind, {}).items():
         if getattr(data, key) is None:
             raise InputError(f"[data] {key} is missing: name {what}")
+    if isinstance(bench, Turntable) and len(data.table or bench.names) != len(bench.names):
+        raise InputError(
+            f"[data] table: name the column of each axis, {', '.join(bench.names)}; there are "
+            f"{len(data.table or ())}"
+        )
 
 
 def require_frame(frame: str, chosen: Method[Any, Any], estimator: str) -> None:

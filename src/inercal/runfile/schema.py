@@ -190,6 +190,10 @@ class DataSection(_Section):
     autocollimator_unit: str = "″"
     level: str | int | None = Field(None, description="column of a level on the head's base")
     level_unit: str = "″"
+    table: tuple[str | int, ...] | None = Field(
+        None, description="on a turntable: columns of the axes' readback, outermost first"
+    )
+    table_unit: str = "°"
 
     @model_validator(mode="after")
     def _means_are_one_table(self) -> "DataSection":
@@ -222,6 +226,11 @@ class MethodSection(_Section):
     )
     seconds: str | None = Field(
         None, description="length of each hold in a simulation", examples=["20 s"]
+    )
+    path: str | None = Field(
+        None,
+        description="of a turntable: 'paper', 'fast', 'discrete', or a file of its steps",
+        examples=["fast"],
     )
     turn: str | None = Field(
         None, description="angle of a turn, positive counter-clockwise", examples=["-360 °"]

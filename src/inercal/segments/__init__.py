@@ -10,9 +10,11 @@ from inercal.segments.marks import check_marks, marks_from_labels
 from inercal.segments.passages import between_rests
 from inercal.segments.rests import FoundRests, find_rests
 from inercal.segments.stands import find_stands, left_out
+from inercal.segments.table_steps import Turned, find_holds, find_turns
 
 __all__ = [
     "FoundRests",
+    "Turned",
     "as_found",
     "average_dwells",
     "between_rests",
@@ -20,9 +22,11 @@ __all__ = [
     "check_marks",
     "check_turn_ends",
     "find_dwells",
+    "find_holds",
     "find_marks",
     "find_rests",
     "find_stands",
+    "find_turns",
     "held",
     "left_out",
     "marks_from_labels",

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.errors import InputError
-from inercal.plan import Step, Turn
+from inercal.plan import Rotation, Step, Turn
 from inercal.recording import Mark, Observations, Recording
 from inercal.segments.attitudes import FLAWS
 from inercal.segments.drift import drift_covariance
@@ -72,7 +72,7 @@ def observe(
                 f"{recording.source}: section {mark.label} has {mark.stop - mark.start} samples; "
                 f"at least {MIN_SAMPLES} are needed"
             )
-    holds = [step for step in used if not isinstance(step, Turn)]
+    holds = [step for step in used if not isinstance(step, Turn | Rotation)]
     if not holds:
         raise InputError(f"{recording.source}: no position at rest is marked")
     scatter = np.stack([section(step).std(axis=-2) for step in holds])

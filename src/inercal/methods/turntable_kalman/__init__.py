@@ -17,7 +17,7 @@ delay and the table's errors as states are ours.
 from collections.abc import Sequence
 
 from inercal.benches.turntable import Turntable
-from inercal.benches.turntable_paths import paper as paper_path
+from inercal.benches.turntable_paths import named as named_path
 from inercal.estimate import Estimate, Gaussian
 from inercal.methods._base import Method
 from inercal.methods.turntable_kalman.follow import WAYS, followed
@@ -85,7 +85,7 @@ METHOD = Method(
     finds={"f": ("bias", "scale", "misalignment"), "w": ("bias", "scale", "misalignment")},
     also={"f": ("k2",), "w": ("g",)},
     needs=("f", "w"),
-    plan=paper_path,
+    plan=named_path,
     estimators={"full": full, "drift": drift, "paper": paper},
     source="Liu, Cui, Zhang and Xu, North University of China (MIMU on a turntable)",
 )

@@ -1,0 +1,147 @@
+"""From a recording on a turntable to the track that its filters follow, and means of its steps."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from math import degrees, pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches import Turntable
+from inercal.errors import InputError
+from inercal.pipeline.inputs import (
+    Gathered,
+    load_recording,
+    readback_columns,
+    readback_units,
+    require_own_columns,
+)
+from inercal.pipeline.table_labels import labelled
+from inercal.plan import Position, Rotation, TableStep
+from inercal.recording import Finding, Mark, Recording, Track
+from inercal.runfile import Run
+from inercal.segments import Turned, find_holds, find_turns, observe
+from inercal.units import readable
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+_SETTLING = 0.25  # s beside what the readback may be late by
+_EXACT = 4  # decimals of degrees in which positions are told
+
+
+def gather(run: Run, bench: Turntable) -> Gathered:
+    """Return the track of a run on a turntable, with means of its holds and turns.
+
+    Raises
+    ------
+    InputError
+        The data cannot be used.
+    """
+    _require_track(run)
+    require_own_columns(run)
+    recording = _unwrapped(run, load_recording(run), bench)
+    angles = np.stack([recording.readback[name] for name in bench.names], axis=-1)
+    holds = find_holds(recording.time, angles, recording.labels, _settling(bench))
+    if not len(holds):
+        columns = ", ".join(readback_columns(run).values())
+        raise InputError(
+            f"{recording.source}: by its readback the table rests nowhere for a second: look at "
+            f"[data] table, which is {columns}"
+        )
+    track = _track(run, recording, angles, holds)
+    findings = (*recording.findings, *_checked(run, track, bench))
+    turns = find_turns(recording.time, angles, recording.labels)
+    marks, steps = _steps(run, recording, angles, holds, turns)
+    observations = observe(recording, run.sensor, marks, steps, found=True)
+    return Gathered(
+        recording,
+        marks,
+        replace(observations, track=track),
+        steps,
+        steps,
+        findings,
+        _conditions(bench, steps),
+    )
+
+
+def _checked(run: Run, track: Track, bench: Turntable) -> tuple[Finding, ...]:
+    """Return what checks of the track notice, before filters follow it.
+
+    The place for checks of columns, units, senses of axes and clocks; there are none yet.
+    """
+    return ()
+
+
+def _require_track(run: Run) -> None:
+    """Refuse what goes with other benches: filters follow the samples of one recording."""
+    if run.data.kind == "means":
+        raise InputError(
+            f"{run.path}: [data] kind is means; filters on a turntable follow a recording"
+        )
+    if run.data.seconds is not None or run.data.marks != "found":
+        key = "marks" if run.data.seconds is None else "seconds"
+        raise InputError(
+            f"{run.path}: [data] {key}: holds of a turntable are found by its readback; leave it "
+            "out"
+        )
+
+
+def _unwrapped(run: Run, recording: Recording, bench: Turntable) -> Recording:
+    """Return the recording with the axes' angles in rad, turns counted on."""
+    sizes = readback_units(run)
+    said: dict[str, Array] = {}
+    for name in bench.names:
+        angle = recording.readback[name] * sizes[name]
+        # Turns that are counted already must not be lost where samples are.
+        said[name] = np.unwrap(angle) if np.ptp(angle) <= 2 * pi * (1 + 1e-6) else angle
+    return replace(recording, readback=said)
+
+
+def _settling(bench: Turntable) -> float:
+    """Return how long the table is taken to settle, s; the readback may be late besides."""
+    return _SETTLING + abs(bench.latency.value) + 2 * bench.latency.sd
+
+
+def _track(run: Run, recording: Recording, angles: Array, holds: Indices) -> Track:
+    number = np.full(recording.time.size, -1, dtype=np.int64)
+    for k, (start, stop) in enumerate(holds.tolist()):
+        number[start:stop] = k
+    columns = [recording.channels.index(name) for name in run.sensor.channels]
+    reading = run.sensor.to_si(recording.data[:, columns])
+    return Track(recording.time, reading, angles, number)
+
+
+def _steps(
+    run: Run, recording: Recording, angles: Array, holds: Indices, turns: Sequence[Turned]
+) -> tuple[tuple[Mark, ...], tuple[TableStep, ...]]:
+    """Return the marks and steps of holds and turns, in the order of time."""
+    found: list[tuple[int, int, TableStep]] = []
+    for start, stop in holds.tolist():
+        at = angles[start:stop].mean(axis=0)
+        told = np.degrees(pi - (pi - at) % (2 * pi)).round(_EXACT) + 0.0
+        seconds = recording.span(start, stop)
+        found.append((start, stop, Position("", tuple(np.radians(told).tolist()), seconds)))
+    for turn in turns:
+        step = Rotation("", turn.axis, turn.angle, abs(turn.rate))
+        found.append((turn.start, turn.stop, step))
+    found.sort(key=lambda one: one[0])
+    middles = [(start + stop) // 2 for start, stop, _ in found]
+    own = None if recording.labels is None else recording.labels[middles].tolist()
+    steps = labelled([step for *_, step in found], own, run)
+    marks = tuple(
+        Mark(step.label, start, stop) for (start, stop, _), step in zip(found, steps, strict=True)
+    )
+    return marks, steps
+
+
+def _conditions(bench: Turntable, steps: Sequence[TableStep]) -> dict[str, str]:
+    count = Counter(type(step) for step in steps)
+    return {
+        "gravity": readable(bench.gravity.value, bench.gravity.sd, "m/s²"),
+        "latitude": f"{degrees(bench.latitude):.6g} °",
+        "azimuth at zero angles": readable(bench.azimuth.value, bench.azimuth.sd, "°"),
+        "path": f"{count[Position]} holds and {count[Rotation]} turns, found by the readback",
+        "latency of the readback": readable(bench.latency.value, bench.latency.sd, "ms"),
+        "right angles of the axes (k = 1)": readable(bench.square, 0.0, "″"),
+    }

@@ -1,0 +1,127 @@
+"""What a turntable did, by its readback: where it held, and where one axis turned.
+
+The table holds where no axis moves by more than its noise within a second. Such stretches are cut
+where samples are missing and where a label changes to another, and settling goes at both ends. An
+axis turns where it has a rate for itself; a turn is told from a way to the next position by its
+label, or by being more than half a turn: to a position the table takes the shorter way.
+"""
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+_WINDOW = 1.0  # s
+_LEAST = 1.0  # s, of a hold without its settling
+_APART = 0.5  # s without a sample that end a hold
+_NOISE = 10.0  # standard deviations between least and largest of a second's readings
+_STILL = 4.8e-5  # rad, 10″: less in a second is the table's control; the earth turns by 15″
+_QUANTA = 2.5
+_COARSEST = 5e-4  # rad, 0.03°, step of a readback
+_DUST = 1e-9  # rad; smaller steps come from rounding
+_SPAN = 0.1  # s to both sides, over which a rate is taken
+_SLOWEST = 9e-4  # rad/s, 0.05 °/s
+_HALF = 3.15  # rad
+
+
+class Turned(NamedTuple):
+    """One axis turning, samples `start` to `stop`, half open."""
+
+    axis: int
+    start: int
+    stop: int
+    angle: float  # rad
+    rate: float  # rad/s, the median
+
+
+def still(angles: Array) -> Array:
+    """Return by how much each axis may move within a second and yet hold, (k,) rad.
+
+    Parameters
+    ----------
+    angles : (n, k) array
+        Readback, rad, turns counted on.
+    """
+    found: list[float] = []
+    for column in angles.T:
+        # Second differences are those of noise wherever the rate is steady: 1 + 4 + 1 variances.
+        bent = np.abs(np.diff(column, 2))
+        noise = float(np.median(bent)) / (0.6745 * 6**0.5) if bent.size else 0.0
+        steps = np.abs(np.diff(column))
+        quantum = float(steps[steps > _DUST].min(initial=np.inf))
+        coarse = _QUANTA * quantum if quantum < _COARSEST else 0.0
+        found.append(max(_STILL, _NOISE * noise, coarse))
+    return np.array(found)
+
+
+def find_holds(
+    time: Array, angles: Array, labels: NDArray[np.str_] | None, settling: float
+) -> Indices:
+    """Return the holds, (h, 2): samples from and to, half open.
+
+    Parameters
+    ----------
+    time : (n,) array
+        s.
+    angles : (n, k) array
+        Readback, rad, turns counted on.
+    labels : (n,) array of str or None
+        A hold ends where one label follows another.
+    settling : float
+        s that go at both ends, not at the recording's own.
+    """
+    n = time.size
+    if n < 2:
+        return np.zeros((0, 2), dtype=np.int64)
+    window = max(round(_WINDOW / float(np.median(np.diff(time)))), 2) + 1
+    quiet = np.ones(n, dtype=np.bool_)
+    for column, most in zip(angles.T, still(angles), strict=True):
+        own = np.ascontiguousarray(column)
+        reach = maximum_filter1d(own, window) - minimum_filter1d(own, window)
+        quiet &= reach <= most
+    held = maximum_filter1d(quiet.astype(np.uint8), window).astype(np.bool_)
+    parted = np.diff(time) > _APART
+    if labels is not None:
+        parted |= (labels[1:] != labels[:-1]) & (labels[1:] != "") & (labels[:-1] != "")
+    cut = np.flatnonzero((held[1:] != held[:-1]) | parted) + 1
+    start, stop = np.append(0, cut), np.append(cut, n)
+    start, stop = start[held[start]], stop[held[start]]
+    moved = np.append(True, ~held[:-1])[start], np.append(~held, True)[stop]  # before, after
+    first = np.searchsorted(time, time[start] + settling * (moved[0] & (start > 0)))
+    last = np.searchsorted(time, time[stop - 1] - settling * (moved[1] & (stop < n)), "right")
+    found = np.stack([first, last], axis=-1).astype(np.int64)
+    found = found[found[:, 1] > found[:, 0]]
+    return found[time[found[:, 1] - 1] - time[found[:, 0]] >= _LEAST * (1 - 1e-3)]
+
+
+def find_turns(time: Array, angles: Array, labels: NDArray[np.str_] | None) -> tuple[Turned, ...]:
+    """Return the turns of one axis each, in the order of time; arguments as of `find_holds`."""
+    if time.size < 2:
+        return ()
+    rate = _rates(time, angles)
+    least = np.maximum(_SLOWEST, still(angles) / _SPAN)
+    sense = np.sign(rate) * (np.abs(rate) > least)
+    cut = np.flatnonzero((sense[1:] != sense[:-1]).any(axis=1)) + 1
+    start, stop = np.append(0, cut), np.append(cut, time.size)
+    alone = (sense[start] != 0).sum(axis=1) == 1
+    found: list[Turned] = []
+    for a, b in zip(start[alone].tolist(), stop[alone].tolist(), strict=True):
+        axis = int(np.argmax(sense[a] != 0))
+        way = float(angles[b - 1, axis] - angles[a, axis])
+        named = labels is not None and bool(labels[(a + b) // 2])
+        if abs(way) > _HALF or (named and b - a > 1):
+            found.append(Turned(axis, a, b, way, float(np.median(rate[a:b, axis]))))
+    return tuple(found)
+
+
+def _rates(time: Array, angles: Array) -> Array:
+    """Return the rate of each axis about each sample, (n, k) rad/s."""
+    n = time.size
+    reach = max(round(_SPAN / float(np.median(np.diff(time)))), 1)
+    after = np.minimum(np.arange(n) + reach, n - 1)
+    before = np.maximum(np.arange(n) - reach, 0)
+    return (angles[after] - angles[before]) / (time[after] - time[before])[:, None]
