@@ -132,7 +132,9 @@ class Turntable:
                 )
             ),
             *(
-                Parameter(f"{wave}{h}[{name}]", "rad", sd, "run", 0.0, f"{words} of harmonic {h}")
+                Parameter(
+                    f"{wave}{h}[{name}]", "rad", sd, "run", 0.0, f"{words} of harmonic {h}, {name}"
+                )
                 for name in self.names
                 for h, sd in enumerate(self.harmonics, start=1)
                 for wave, words in (("sin", "sine"), ("cos", "cosine"))

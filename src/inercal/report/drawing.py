@@ -142,7 +142,8 @@ def room_for(labels: Sequence[str]) -> float:
 
 
 def _upright(labels: Sequence[str]) -> bool:
-    return len(labels) > 10 or max(map(len, labels), default=0) > 7
+    longest = max(map(len, labels), default=0)
+    return len(labels) > 10 or longest > 7 or len(labels) * (longest + 1) > 60
 
 
 def name_positions(

@@ -23,7 +23,13 @@ Array = NDArray[np.float64]
 KINDS = {"f": ("Accelerometers", "µg", 9.80665e-6), "w": ("Gyros", "°/h", np.pi / 648_000)}
 _BAND = 2.0  # standard deviations
 _NAMED = re.compile(r"([^\[\]]+)\[([^\[\]]+)\]")  # of an observation: the axis, the row
-_GROUP_UNITS = {"m/s²": ("mm/s²", 1e-3), "rad/s": ("°/h", np.pi / 648_000), "rad": ("mrad", 1e-3)}
+_GROUP_UNITS = {
+    "m/s²": ("mm/s²", 1e-3),
+    "m/s": ("mm/s", 1e-3),
+    "rad/s": ("°/h", np.pi / 648_000),
+    "rad": ("mrad", 1e-3),
+}
+_FINE = ("″", np.pi / 648_000)  # of angles below 1 mrad
 _COMPONENTS = {1: ("norm",), 2: ("across 1", "across 2"), 3: ("x", "y", "z")}
 _MARKERS = (*SHAPES, "D", "v", "<", ">")
 _FEW = 14  # so many coefficients leave room for numbers in their cells
@@ -92,6 +98,8 @@ def _residuals_by_group(outcome: Outcome) -> Markup:
     figure, rows = drawing.panels(1.65, rooms, 2)
     for (left, right), group, has in zip(rows, groups, named, strict=True):
         unit, si = _GROUP_UNITS[group.unit]
+        if group.unit == "rad" and np.abs(group.residual).max(initial=0.0) < si:
+            unit, si = _FINE
         parts = _COMPONENTS[group.residual.shape[1]]
         _dots(left, group.residual / group.sd, parts, band=True)
         _dots(right, group.residual / si, parts, band=False)
@@ -101,8 +109,8 @@ def _residuals_by_group(outcome: Outcome) -> Markup:
             axes.set_ylabel(words)
         left.set_title(group.name)
         if len(parts) > 1:
-            drawing.key(left)
-    return svg(figure, "residuals", "Residuals of norms, rates and rotations, by rest")
+            drawing.key(right)  # on the left the title may be long
+    return svg(figure, "residuals", "Residuals of each kind of observation, by step")
 
 
 @drawing.style

@@ -10,14 +10,14 @@ import numpy as np
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
-from inercal.benches import DividingHead, RateTable
+from inercal.benches import DividingHead, RateTable, Turntable
 from inercal.calibration.verdict import chance
 from inercal.methods.observed import NOISE_ALONE
 from inercal.pipeline import Outcome
 from inercal.pipeline.judgement import judge
-from inercal.plan import Hold, Index, Spin, Step, Turn
+from inercal.plan import Hold, Index, Position, Rotation, Spin, Step, Turn
+from inercal.report import courses, tables
 from inercal.report import head as on_head
-from inercal.report import tables
 from inercal.report.figures import correlations, departures, residuals
 from inercal.report.history import history
 from inercal.report.speeds import speeds
@@ -75,16 +75,17 @@ def page(outcome: Outcome, truth: Mapping[str, float] | None) -> str:
         calibration_file=f"{Path(calibration.provenance.get('run file', 'run')).stem}"
         ".calibration.json",
         run_file=calibration.provenance.get("run file", "run.toml"),
-        residuals=residuals(outcome) if estimate.whitened.size else None,
+        residuals=residuals(outcome) if estimate.whitened.size or estimate.groups else None,
         indexed=isinstance(bench, DividingHead),
         head=on_head.head(outcome, bench) if isinstance(bench, DividingHead) else None,
         search=None if outcome.search is None else history(outcome.search),
+        course=_course(outcome, truth),
         by_speed=speeds(outcome, bench) if isinstance(bench, RateTable) else None,
         spheres=(sphere(found, 1), sphere(found, -1)) if found else (),
         sections=sections(outcome, found),
         missing=missing_faces(found),
         turned_too=any(axis.measures == "w" for axis in calibration.sensor.axes),
-        turned=any(isinstance(step, Turn) for step in outcome.steps),
+        turned=any(isinstance(step, Turn | Rotation) for step in outcome.steps),
         norms=by_norm(outcome),
         unjudged=isinstance(bench, RateTable) and not estimate.dof,
         chance=chance,
@@ -104,6 +105,26 @@ def page(outcome: Outcome, truth: Mapping[str, float] | None) -> str:
     )
 
 
+@dataclass(frozen=True)
+class Course:
+    """The figures of sequential filters, SVG."""
+
+    convergence: Markup
+    innovations: Markup
+    path: Markup | None
+
+
+def _course(outcome: Outcome, truth: Mapping[str, float] | None) -> Course | None:
+    """Return the figures of how filters came to the result; None of other estimators."""
+    found, track, bench = outcome.estimate.courses, outcome.observations.track, outcome.bench
+    if not found:
+        return None
+    drawn = None
+    if track is not None and isinstance(bench, Turntable):
+        drawn = courses.path(track, bench)
+    return Course(courses.convergence(outcome, truth), courses.innovations(found), drawn)
+
+
 def by_norm(outcome: Outcome) -> bool:
     """Whether the residuals are of the norms of readings, one a row."""
     rows, axes = len(outcome.observations.labels), len(outcome.observations.channels)
@@ -114,7 +135,7 @@ def by_norm(outcome: Outcome) -> bool:
 def facts(outcome: Outcome) -> list[tuple[str, str]]:
     """Return the key facts, name and text of one or two lines."""
     provenance, recording = outcome.calibration.provenance, outcome.recording
-    holds = sum(isinstance(step, Hold | Index) for step in outcome.steps)
+    holds = sum(isinstance(step, Hold | Index | Position) for step in outcome.steps)
     spins = [step for step in outcome.steps if isinstance(step, Spin)]
     turns = len(outcome.steps) - holds - len(spins)
     digest = provenance.get("recording sha256", "")
@@ -158,7 +179,7 @@ def sections(outcome: Outcome, found: Sequence[Attitude]) -> list[Section]:
 
     def away(step: Step) -> str:
         angle = off.get(step.label, nan)
-        return "" if isinstance(step, Turn) or isnan(angle) else f"{degrees(angle):.2f}"
+        return "" if isinstance(step, Turn | Rotation) or isnan(angle) else f"{degrees(angle):.2f}"
 
     return [
         Section(step.label, what(step, row), away(step), f"{seconds:.2f}", str(samples))

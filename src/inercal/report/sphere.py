@@ -12,11 +12,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-from inercal.benches import Centrifuge, RateTable, rate_table
+from inercal.benches import Centrifuge, RateTable, Turntable, rate_table
 from inercal.benches.arm import felt_vector
+from inercal.benches.turntable_attitude import reference
 from inercal.motion import Motion
 from inercal.pipeline import Outcome
-from inercal.plan import Hold, Spin, Step, Turn, direction
+from inercal.plan import Hold, Position, Rotation, Spin, Step, Turn, direction
 from inercal.report import drawing
 from inercal.report.drawing import BAND, FAINT, INK, MUTED, PAPER, WARN, Z, svg
 
@@ -35,7 +36,7 @@ class Attitude:
 
     Parameters
     ----------
-    step : Hold, Turn or Spin
+    step : Hold, Turn, Spin, Position or Rotation
     towards : (3,) array
         Unit vector in the sensor's frame: up in a hold, the axis of a turn, the specific force in a
         dwell.
@@ -57,6 +58,8 @@ def attitudes(outcome: Outcome) -> list[Attitude]:
         return _dwells(outcome, outcome.bench)
     if isinstance(outcome.bench, RateTable):
         return _on_table(outcome, outcome.bench)
+    if isinstance(outcome.bench, Turntable):
+        return _on_axes(outcome, outcome.bench)
     calibration = outcome.calibration
     felt: Motion = calibration.correct(calibration.sensor.to_output(outcome.observations.mean))
     found: list[Attitude] = []
@@ -93,6 +96,19 @@ def _on_table(outcome: Outcome, bench: RateTable) -> list[Attitude]:
     return [_measured(step, felt.f[k], made.f[k]) for k, step in enumerate(spins)]
 
 
+def _on_axes(outcome: Outcome, bench: Turntable) -> list[Attitude]:
+    calibration = outcome.calibration
+    felt = calibration.correct(calibration.sensor.to_output(outcome.observations.mean))
+    found: list[Attitude] = []
+    for k, step in enumerate(outcome.steps):
+        if isinstance(step, Position):
+            up = reference(bench, np.array([step.angles]))[0, 2]
+            found.append(_measured(step, felt.f[k], up))
+        elif isinstance(step, Rotation):
+            found.append(_measured(step, felt.w[k] * np.sign(step.angle), None))
+    return found
+
+
 def _measured(step: Step, vector: Array, nominal: Array | None) -> Attitude:
     unit = vector / np.linalg.norm(vector)
     if nominal is None:
@@ -103,7 +119,7 @@ def _measured(step: Step, vector: Array, nominal: Array | None) -> Attitude:
 
 def missing_faces(found: list[Attitude]) -> list[str]:
     """Return the faces that no hold had up: "−z"; none where attitudes were free."""
-    if any(isinstance(a.step, Spin) for a in found):
+    if any(isinstance(a.step, Spin | Position) for a in found):
         return []
     if any(isinstance(a.step, Hold) and max(map(abs, a.step.up)) < _FACE for a in found):
         return []
@@ -142,7 +158,7 @@ def sphere(found: list[Attitude], side: int) -> Markup:
         x, y, depth = screen @ attitude.towards
         if depth < 0:
             continue
-        if not isinstance(attitude.step, Turn):
+        if not isinstance(attitude.step, Turn | Rotation):
             axes.plot(x, y, "o", ms=6, mfc=Z, mec=PAPER, mew=0.6)
             if len(found) <= _NAMED:
                 axes.annotate(attitude.step.label, (x, y), (0, 7), textcoords="offset points",

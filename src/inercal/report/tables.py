@@ -21,6 +21,7 @@ _SHOWN = {  # unit of a parameter of the bench: as printed, its SI size
     "rad": ("°", pi / 180),
     "rad/s": ("°/h", pi / 648_000),
     "1": ("ppm", 1e-6),
+    "s": ("ms", 1e-3),
 }
 _FINE = {"rad": ("″", pi / 648_000), "m/s²": ("µg", 1e-6 * G0)}
 _SMALL = 1e-3  # rad or m/s²

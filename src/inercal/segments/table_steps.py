@@ -109,9 +109,12 @@ def find_turns(time: Array, angles: Array, labels: NDArray[np.str_] | None) -> t
     start, stop = np.append(0, cut), np.append(cut, time.size)
     alone = (sense[start] != 0).sum(axis=1) == 1
     found: list[Turned] = []
+    margin = _samples(time, _SPAN)
     for a, b in zip(start[alone].tolist(), stop[alone].tolist(), strict=True):
         axis = int(np.argmax(sense[a] != 0))
-        way = float(angles[b - 1, axis] - angles[a, axis])
+        # Where an axis starts, stops or turns back its rate is too small to tell.
+        reach = float(np.ptp(angles[max(a - margin, 0) : b + margin, axis]))
+        way = float(sense[a, axis]) * reach
         named = labels is not None and bool(labels[(a + b) // 2])
         if abs(way) > _HALF or (named and b - a > 1):
             found.append(Turned(axis, a, b, way, float(np.median(rate[a:b, axis]))))
@@ -120,8 +123,11 @@ def find_turns(time: Array, angles: Array, labels: NDArray[np.str_] | None) -> t
 
 def _rates(time: Array, angles: Array) -> Array:
     """Return the rate of each axis about each sample, (n, k) rad/s."""
-    n = time.size
-    reach = max(round(_SPAN / float(np.median(np.diff(time)))), 1)
+    n, reach = time.size, _samples(time, _SPAN)
     after = np.minimum(np.arange(n) + reach, n - 1)
     before = np.maximum(np.arange(n) - reach, 0)
     return (angles[after] - angles[before]) / (time[after] - time[before])[:, None]
+
+
+def _samples(time: Array, seconds: float) -> int:
+    return max(round(seconds / float(np.median(np.diff(time)))), 1)

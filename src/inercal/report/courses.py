@@ -1,0 +1,179 @@
+"""How sequential filters came to their result: estimates, innovations and the path, over time."""
+# matplotlib's stubs leave **kwargs untyped.
+# pyright: reportUnknownMemberType=false
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.ticker import NullLocator
+from numpy.typing import NDArray
+
+from inercal.benches import Turntable
+from inercal.calibration.verdict import COVERAGE
+from inercal.estimate import Course
+from inercal.pipeline import Outcome
+from inercal.recording import Track
+from inercal.report import drawing
+from inercal.report.drawing import AXES, BAND, FAINT, WARN, svg
+from inercal.sensors import Sensor
+
+Array = NDArray[np.float64]
+POINTS = 300
+"""Of each line, at most."""
+_STYLES = ("-", "--", ":")
+_PAUSE = 4.0  # of the usual step
+_SHARE = 40  # the running mean is over this part of the epochs
+
+
+class _Kind(NamedTuple):
+    """Coefficients of one group and unit of one filter."""
+
+    course: Course
+    title: str
+    names: tuple[str, ...]
+    unit: str
+    size: float
+
+
+@drawing.style
+def convergence(outcome: Outcome, truth: Mapping[str, float] | None) -> Markup:
+    """Return each estimate beyond the truth, or beyond the result, with ±2σ, over time."""
+    sensor, courses = outcome.calibration.sensor, outcome.estimate.courses
+    kinds = [kind for course in courses for kind in _kinds(course, sensor)]
+    columns = 3
+    rows = [kinds[k : k + columns] for k in range(0, len(kinds), columns)]
+    rooms = [*[0.3] * (len(rows) - 1), 0.45]
+    figure, panels = drawing.panels(2.1, rooms, columns)
+    for line, members in zip(panels, rows, strict=True):
+        for axes in line[len(members) :]:
+            axes.set_axis_off()
+        for axes, kind in zip(line, members, strict=False):
+            _converging(axes, kind, sensor, truth)
+    for axes in panels[-1]:
+        axes.set_xlabel("time, s")
+    beyond = "the truth" if truth is not None else "the result"
+    return svg(figure, "courses", f"Estimates beyond {beyond} with two standard deviations")
+
+
+def _kinds(course: Course, sensor: Sensor) -> list[_Kind]:
+    """Return the coefficients that a course estimates, by group and unit."""
+    groups: dict[tuple[str, str], list[str]] = {}
+    for name in course.names:
+        if name in sensor.coefficients:
+            line = sensor.coefficient(name)
+            groups.setdefault((line.group, line.unit), []).append(name)
+    return [
+        _Kind(course, f"{course.name}: {group}, {unit}", tuple(names), unit,
+              sensor.coefficient(names[0]).si)
+        for (group, unit), names in groups.items()
+    ]  # fmt: skip
+
+
+def _converging(axes: Axes, kind: _Kind, sensor: Sensor, truth: Mapping[str, float] | None) -> None:
+    course = kind.course
+    picks = thinned(course.time.size)
+    time = course.time[picks]
+    channels = list(dict.fromkeys(name.partition(".")[0] for name in kind.names))
+    shorts = list(dict.fromkeys(name.partition(".")[2] for name in kind.names))
+    final: list[float] = []
+    for name in kind.names:
+        column = course.names.index(name)
+        value, reach = course.value[:, column], COVERAGE * course.std[:, column] / kind.size
+        final.append(float(reach[-1]))
+        centre = value[-1] if truth is None else truth.get(name, 0.0)
+        colour = AXES[channels.index(name.partition(".")[0]) % 3]
+        style = _STYLES[shorts.index(name.partition(".")[2]) % 3]
+        axes.plot(time, (value[picks] - centre) / kind.size, style, color=colour, lw=1.0,
+                  label=name)  # fmt: skip
+        for side in (-1, 1):
+            axes.plot(time, side * reach[picks], style, color=colour, lw=0.5, alpha=0.55)
+    axes.axhline(0, color=FAINT, lw=0.8, zorder=0)
+    _symmetric(axes, max(final))
+    axes.set_title(kind.title)
+    axes.legend(loc="upper right", fontsize=6.5, ncols=3, borderpad=0, handlelength=1.2)
+
+
+def _symmetric(axes: Axes, last: float) -> None:
+    """Scale logarithmically to both sides, linearly within what is left at the end."""
+    base = 10.0 ** np.ceil(np.log10(last))
+    axes.set_yscale("symlog", linthresh=base)
+    reach = max(map(abs, axes.get_ylim()))
+    axes.set_ylim(-30 * reach, 30 * reach)  # room for the names
+    top = int(np.ceil(np.log10(reach / base)))
+    decades = [base * 10.0**k for k in range(0, top + 1, max(1, top // 3))]
+    axes.set_yticks([-d for d in reversed(decades)] + [0.0] + decades)
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.yaxis.set_major_formatter("{x:g}")
+
+
+@drawing.style
+def innovations(courses: Sequence[Course]) -> Markup:
+    """Return the running mean of NIS a component of each filter over time, with the expected 1."""
+    figure, ((axes,),) = drawing.panels(1.7, [0.45])
+    axes.axhline(1, color=WARN, lw=0.9, ls="--", label="as stated")
+    for k, course in enumerate(courses):
+        time, mean = running(course)
+        picks = thinned(time.size)
+        time, mean = _broken(time[picks], mean[picks])
+        axes.plot(time, mean, color=AXES[k % 3], lw=1.0, label=course.name)
+    axes.set_ylim(bottom=0)
+    axes.set_ylabel("NIS a component")
+    axes.set_xlabel("time, s")
+    drawing.key(axes)
+    return svg(figure, "nis", "Normalised innovations squared of each filter over time")
+
+
+def _broken(time: Array, values: Array) -> tuple[Array, Array]:
+    """Return a line that is broken by NaN where a filter paused."""
+    steps = np.diff(time)
+    if not steps.size:
+        return time, values
+    after = np.flatnonzero(steps > _PAUSE * np.median(steps)) + 1
+    return np.insert(time, after, np.nan), np.insert(values, after, np.nan)
+
+
+def running(course: Course) -> tuple[Array, Array]:
+    """Return time and the running mean of NIS a component over a fortieth of the epochs.
+
+    Epochs at which the attitude was taken anew have no innovation and are left out.
+    """
+    taken = course.nis > 0
+    time, nis = course.time[taken], course.nis[taken] / max(course.innovation.shape[1], 1)
+    width = max(nis.size // _SHARE, 1)
+    if nis.size < width + 1:
+        return time, nis
+    total = np.cumsum(np.append(0.0, nis))
+    middle = time[width // 2 : width // 2 + nis.size - width + 1]
+    return middle, (total[width:] - total[:-width]) / width
+
+
+@drawing.style
+def path(track: Track, bench: Turntable) -> Markup:
+    """Return the axes' angles over time, holds shaded."""
+    figure, ((axes,),) = drawing.panels(1.9, [0.45])
+    picks = thinned(track.time.size, 2 * POINTS)
+    for k, name in enumerate(bench.names):
+        axes.plot(track.time[picks], np.degrees(track.angles[picks, k]), color=AXES[k], lw=1.0,
+                  label=name)  # fmt: skip
+    edges = np.flatnonzero(np.diff(track.hold)) + 1
+    bounds = [0, *edges.tolist(), track.time.size]
+    held = [
+        (float(track.time[a]), float(track.time[b - 1] - track.time[a]))
+        for a, b in pairwise(bounds)
+        if track.hold[a] >= 0
+    ]
+    axes.broken_barh(held, (0, 1), fc=BAND, ec=FAINT, lw=0.5, zorder=0,
+                     transform=axes.get_xaxis_transform())  # fmt: skip
+    axes.set_ylabel("angle by readback, °")
+    axes.set_xlabel("time, s")
+    drawing.key(axes)
+    return svg(figure, "path", "Angles of the table's axes over time, holds shaded")
+
+
+def thinned(count: int, most: int = POINTS) -> NDArray[np.int64]:
+    """Return at most so many of `count` numbers from 0, even, the first and the last among them."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.int64))
