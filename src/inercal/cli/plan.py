@@ -14,7 +14,8 @@ _POSITIONS, _SECONDS = 24, 3.0  # by hand
 
 def run(
     method: str = typer.Argument(
-        help="multi-position, or a method on a dividing head or a rate table: dual-orthogonal, …"
+        help="multi-position, or a method on a dividing head, a rate table or a turntable: "
+        "dual-orthogonal, …"
     ),
     run_file: Path | None = typer.Option(
         None, "--run", "-r", help="Run file whose sensor, bench and coefficients count."
@@ -32,15 +33,20 @@ def run(
     json: bool = typer.Option(False, "--json", help="Print one JSON object."),
 ) -> None:
     """Print what to do, position by position, with the uncertainties to expect of it."""
-    from inercal.benches import DividingHead, RateTable
+    from inercal.benches import DividingHead, RateTable, Turntable
     from inercal.cli.plan_head import plan_head
     from inercal.cli.plan_table import plan_table
+    from inercal.cli.plan_turntable import plan_turntable
     from inercal.errors import InputError
     from inercal.methods import method as named
 
     name = method.replace("-", "_")
     chosen = named(name)
-    on_bench = {DividingHead: plan_head, RateTable: plan_table}.get(chosen.bench)
+    on_bench = {
+        DividingHead: plan_head,
+        RateTable: plan_table,
+        Turntable: plan_turntable,
+    }.get(chosen.bench)
     if on_bench is not None:
         if run_file is None:
             raise InputError(f"a plan of {name} needs the run file: --run")
@@ -49,8 +55,8 @@ def run(
     if not chosen.free:
         raise InputError(
             f"plans of {method} are fixed, by [method] in the run file; inercal budget says what "
-            "they give. Plans are made for multi-position, and for methods on a dividing head or a "
-            "rate table"
+            "they give. Plans are made for multi-position, and for methods on a dividing head, a "
+            "rate table or a turntable"
         )
     if out is not None:
         raise InputError(

@@ -1,0 +1,77 @@
+"""The path of a turntable, printed step by step with what it will give."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from inercal.cli.plan_sheet import known_as_object, print_known
+
+if TYPE_CHECKING:
+    from inercal.design.on_turntable import PathSheet
+
+
+def plan_turntable(
+    run_file: Path, keys: Mapping[str, object], out: Path | None, *, force: bool, json: bool
+) -> None:
+    """Print the path of a run on a turntable, its duration, and what it will give.
+
+    Raises
+    ------
+    InputError
+        `out`, since there is no table to fill; what `worksheet` refuses.
+    """
+    from inercal.cli.show import as_json, working
+    from inercal.design.on_turntable import worksheet
+    from inercal.errors import InputError
+    from inercal.runfile import read
+
+    if out is not None:
+        raise InputError("--out: a path is printed; a turntable leaves a recording, no table")
+    with working("running the filters over the path"):
+        sheet = worksheet(read(run_file, keys))
+    if json:
+        as_json(_as_object(sheet))
+        return
+    _print(sheet)
+
+
+def _as_object(sheet: "PathSheet") -> dict[str, Any]:
+    return {
+        "steps": [
+            {
+                "label": row.step.label,
+                "what": row.step.in_words(),
+                "move_seconds": row.move,
+                "seconds": row.seconds,
+            }
+            for row in sheet.rows
+        ],
+        "seconds": sheet.seconds,
+        "expected": [known_as_object(one) for one in sheet.expected],
+        "undecided": list(sheet.undecided),
+    }
+
+
+def _print(sheet: "PathSheet") -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console()
+    table = Table(title=f"{len(sheet.rows)} steps, {sheet.seconds / 60:.3g} min in all")
+    table.add_column("row", justify="right")
+    table.add_column("label")
+    table.add_column("what the table does")
+    for heading in ("move", "for"):
+        table.add_column(heading, justify="right")
+    for row in sheet.rows:
+        what = row.step.in_words().replace("-", "−")
+        move = f"{row.move:.1f} s" if row.move else ""
+        table.add_row(str(row.number), row.step.label, what, move, f"{row.seconds:.1f} s")
+    console.print(table)
+    print_known(sheet.run, (sheet.expected,), console)
+    for words in sheet.undecided:
+        text = f"left open, its U a guess, in units of g and rad/s: {words}"
+        console.print(f"· {text}", highlight=False, markup=False)
+    console.print(
+        "Expected of noise and table as stated, over the path as an ideal sensor records it."
+    )
