@@ -1,0 +1,273 @@
+"""Run files on a turntable, from the path to the verdict."""
+
+import json
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inercal.budget.of_run import experiment_of
+from inercal.cli.app import app, main
+from inercal.design.on_turntable import worksheet
+from inercal.errors import InercalError, InputError, NotObserved
+from inercal.io.write import write_recording
+from inercal.pipeline import apply, calibrate, named_as_in, simulate
+from inercal.plan import Position, Rotation
+from inercal.recording import Recording
+from inercal.report import write_report
+from inercal.runfile import Run, read
+
+ROOT = Path(__file__).parents[1]
+EXAMPLE = ROOT / "examples" / "turntable"
+FILE = ('file = "mimu.csv"', 'file = "mimu.npz"')
+Change = tuple[str, str]
+
+
+def run_of(folder: Path, *changes: Change, path: str | None = None) -> Run:
+    text = (EXAMPLE / "mimu.toml").read_text(encoding="utf-8")
+    for old, new in (FILE, *changes):
+        assert old in text, old
+        text = text.replace(old, new)
+    (folder / "mimu.toml").write_text(text, encoding="utf-8")
+    steps = (EXAMPLE / "path.csv").read_text(encoding="utf-8") if path is None else path
+    (folder / "path.csv").write_text(steps, encoding="utf-8")
+    return read(folder / "mimu.toml")
+
+
+def path_of(*wanted: str) -> str:
+    lines = (EXAMPLE / "path.csv").read_text(encoding="utf-8").splitlines()
+    kept = [line for line in lines if line.partition(",")[0] in ("label", *wanted)]
+    return "\n".join(kept) + "\n"
+
+
+def recorded(
+    run: Run, seed: int = 0, change: Callable[[Recording], Recording] = lambda made: made
+) -> Run:
+    write_recording(change(named_as_in(run, simulate(run, seed))), run.file(run.data.file))
+    return run
+
+
+def truth(run: Run) -> np.ndarray:
+    return np.array([run.truth[name] for name in run.sensor.coefficients])
+
+
+def test_the_truth_lies_within_u_about_19_times_in_20(tmp_path: Path):
+    run = run_of(tmp_path)
+    off: list[np.ndarray] = []
+    for seed in range(10):
+        made = calibrate(recorded(run, seed)).calibration
+        off.append((made.values - truth(run)) / made.std)
+    within = np.mean(np.abs(off) < 2)
+    assert 0.90 <= within <= 0.99
+    assert 0.75 < np.sqrt(np.mean(np.square(off))) < 1.15
+
+
+def test_steps_are_found_with_their_labels(tmp_path: Path):
+    run = recorded(run_of(tmp_path))
+    outcome = calibrate(run)
+    assert outcome.observations.labels == tuple(step.label for step in run.steps)
+    for done, asked in zip(outcome.steps, run.steps, strict=True):
+        assert isinstance(done, Position | Rotation)
+        if isinstance(asked, Rotation):
+            assert isinstance(done, Rotation)
+            assert done.axis == asked.axis
+            assert done.angle == pytest.approx(asked.angle, rel=1e-4)
+    assert outcome.estimate.consistent
+    assert outcome.observations.track is not None
+    assert len(outcome.estimate.courses) == 2
+    page = tmp_path / "page.html"
+    write_report(outcome, page, run.truth)
+    text = page.read_text(encoding="utf-8")
+    for words in ("How the filters came to it", "NIS a component", "angle by readback"):
+        assert words in text
+    assert len(text) < 600_000
+
+
+def test_without_labels_the_plan_names_the_steps(tmp_path: Path):
+    run = recorded(run_of(tmp_path, ('label = "step"\n', "")))
+    labels = calibrate(run).observations.labels
+    assert labels == tuple(step.label for step in run.steps)
+    other = run_of(tmp_path, ('label = "step"\n', ""), ('"path.csv"', '"fast"'))
+    labels = calibrate(other).observations.labels
+    assert labels[:2] == ("hold 1", "hold 2")
+    assert "turn 1" in labels
+
+
+def modulo(made: Recording) -> Recording:
+    return replace(made, readback={n: a % 360.0 for n, a in made.readback.items()})
+
+
+@pytest.mark.parametrize(
+    ("changes", "change"),
+    [
+        ((), modulo),
+        ((("[method]", 'table_unit = "rad"\n\n[method]'),), lambda made: made),
+        ((('["outer", "middle", "inner"]', '["A1", "A2", "A3"]'),), lambda made: made),
+        ((('table = ["outer", "middle", "inner"]\n', ""),), lambda made: made),
+    ],
+    ids=["modulo a turn", "in rad", "other names", "names by default"],
+)
+def test_the_result_does_not_depend_on_how_the_readback_is_written(
+    tmp_path: Path, changes: tuple[Change, ...], change: Callable[[Recording], Recording]
+):
+    plain = calibrate(recorded(run_of(tmp_path))).calibration
+    other = calibrate(recorded(run_of(tmp_path, *changes), change=change)).calibration
+    np.testing.assert_allclose(other.values, plain.values, rtol=1e-6, atol=1e-9)
+
+
+def test_lost_samples_cost_little(tmp_path: Path):
+    run = run_of(tmp_path)
+
+    def lossy(made: Recording) -> Recording:
+        return made.take(np.random.default_rng(1).random(made.time.size) > 1e-3)
+
+    made = calibrate(recorded(run, change=lossy)).calibration
+    error = made.values - truth(run)
+    assert 7 < error @ np.linalg.solve(made.covariance, error) < 51  # 0.1 % points of χ²
+
+
+def test_a_calibration_corrects_its_own_recording(tmp_path: Path):
+    run = recorded(run_of(tmp_path))
+    outcome = calibrate(run)
+    corrected = apply(outcome.calibration, run)
+    force = np.linalg.norm(corrected.data[500:2500, :3].mean(axis=0))
+    assert force == pytest.approx(9.80123, abs=1e-3)
+    assert corrected.channels == ("fx", "fy", "fz", "wx", "wy", "wz")
+
+
+def refused(run: Run, words: str, kind: type[InercalError] = InputError) -> None:
+    with pytest.raises(kind, match=words) as refusal:
+        calibrate(run)
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_first_rest_that_is_too_short_is_refused(tmp_path: Path):
+    short = path_of("warm-up", "y up", "x+").replace("0,0,0,30", "0,0,0,12")
+    refused(recorded(run_of(tmp_path, path=short)), "begins with a rest of 11.* s; .* 20 s of rest")
+
+
+def test_directions_that_a_path_leaves_open_are_named(tmp_path: Path):
+    refused(
+        recorded(run_of(tmp_path, path=path_of("warm-up", "y up", "z down"))),
+        "not observed: the run decides .* of 12 coefficients of the gyros",
+        NotObserved,
+    )
+
+
+def nan_at(name: str) -> Callable[[Recording], Recording]:
+    def change(made: Recording) -> Recording:
+        values = made.readback[name].copy()
+        values[700] = np.nan
+        return replace(made, readback={**made.readback, name: values})
+
+    return change
+
+
+def test_data_that_cannot_be_used_are_refused_in_one_line(tmp_path: Path):
+    run = recorded(run_of(tmp_path), change=nan_at("middle"))
+    refused(run, "1 row without a finite number, the first middle at")
+    path = run.file(run.data.file)
+    path.write_bytes(b"")
+    refused(run, "mimu.npz")
+    recorded(run)
+    path.write_bytes(path.read_bytes()[:40_000])
+    refused(run, "mimu.npz")
+
+
+def still(made: Recording) -> Recording:
+    return replace(made, readback=dict.fromkeys(made.readback, 30 * made.time))
+
+
+def test_a_table_that_never_rests_is_refused(tmp_path: Path):
+    refused(
+        recorded(run_of(tmp_path), change=still),
+        r"by its readback the table rests nowhere for a second: look at \[data\] table",
+    )
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('"middle", "inner"]', '"middle"]', r"\[data\] table: name the column of each axis"),
+        ('"middle", "inner"]', '"middle", "tilt"]', "no column 'tilt'|'tilt'"),
+        ('"middle", "inner"]', '"middle", "gx"]', "names column 'gx' for two things"),
+        ("[method]", 'table_unit = "g"\n\n[method]', r"\[data\] table_unit"),
+        ("[method]", 'kind = "means"\n\n[method]', "filters on a turntable follow a recording"),
+        ("[method]", 'marks = "labels"\n\n[method]', r"\[data\] marks: holds of a turntable"),
+        ("[method]", 'angle = "outer"\n\n[method]', r"\[data\] angle goes with"),
+        ('"path.csv"', '"none.csv"', "path 'none.csv': no such file; or paper, fast, discrete"),
+        ('"path.csv"', '"path.csv"\nseconds = "9 s"', "path.csv says how long positions last"),
+        ('white = "0.1 °/√h"\n', "", r"\[sensor.gyro\] white: a filter needs the noise"),
+        ('"turntable_kalman"\npath', '"ferraris"\npath', "method ferraris takes 'hand'"),
+    ],
+)
+def test_run_files_that_cannot_be_are_refused(tmp_path: Path, old: str, new: str, words: str):
+    recorded(run_of(tmp_path))
+    with pytest.raises(InputError, match=words) as refusal:
+        calibrate(run_of(tmp_path, (old, new)))
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_path_in_a_run_by_hand_is_refused(tmp_path: Path):
+    text = (ROOT / "examples" / "six_position" / "run.toml").read_text(encoding="utf-8")
+    (tmp_path / "run.toml").write_text(text + '\npath = "fast"\n', encoding="utf-8")
+    with pytest.raises(InputError, match=r"path: the plan of six_position has none; it has"):
+        read(tmp_path / "run.toml")
+
+
+def test_a_plan_says_what_the_calibration_then_states(tmp_path: Path):
+    run = recorded(run_of(tmp_path))
+    sheet = worksheet(run)
+    assert sheet.undecided == ()
+    assert sheet.seconds == pytest.approx(236, abs=0.5)
+    assert [row.step.label for row in sheet.rows] == [step.label for step in run.steps]
+    stated = calibrate(run).calibration.std
+    np.testing.assert_allclose([one.std for one in sheet.expected], stated, rtol=0.03)
+
+
+def test_a_plan_names_what_its_path_leaves_open(tmp_path: Path):
+    sheet = worksheet(run_of(tmp_path, path=path_of("warm-up", "y up", "z down")))
+    assert len(sheet.undecided) > 3
+    assert any("gx" in words for words in sheet.undecided)
+
+
+def test_a_refusal_is_one_line_and_status_two(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    recorded(run_of(tmp_path))
+    run = run_of(tmp_path, ('"middle", "inner"]', '"middle", "tilt"]'))
+    monkeypatch.setattr("sys.argv", ["inercal", "calibrate", str(run.path)])
+    with pytest.raises(SystemExit) as stopped:
+        main()
+    assert stopped.value.code == 2
+    printed = capsys.readouterr().err.strip().splitlines()
+    assert len(printed) == 1
+    assert "tilt" in printed[0]
+
+
+def test_the_verbs_go_from_plan_to_calibration(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    run = run_of(tmp_path)
+
+    def said(*words: str) -> str:
+        app(list(words), standalone_mode=False)
+        return capsys.readouterr().out
+
+    planned = json.loads(said("plan", "turntable-kalman", "--run", str(run.path), "--json"))
+    assert len(planned["steps"]) == 15
+    assert {one["name"] for one in planned["expected"]} == set(run.sensor.coefficients)
+    printed = said("plan", "turntable-kalman", "--run", str(run.path))
+    assert re.search(r"15 steps, 3.93 min in all", printed)
+    with pytest.raises(InputError, match="--out: a path is printed"):
+        said("plan", "turntable-kalman", "--run", str(run.path), "--out", "sheet.csv")
+    said("simulate", str(run.path))
+    result = json.loads(said("calibrate", str(run.path), "--out", str(tmp_path), "--json"))
+    assert len(result["coefficients"]) == 24
+    assert Path(result["report"]).exists()
+
+
+def test_a_budget_of_a_turntable_says_where_to_look(tmp_path: Path):
+    with pytest.raises(InputError, match="inercal plan turntable-kalman says what a path gives"):
+        experiment_of(run_of(tmp_path))
