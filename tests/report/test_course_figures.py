@@ -10,7 +10,7 @@ from inercal.report.courses import POINTS, innovations, running, thinned
 
 
 def course(epochs: int, nis: float = 3.0, *, pause: bool = False) -> Course:
-    time = 0.1 * np.arange(epochs)
+    time = np.arange(epochs, dtype=np.float64) / 10
     if pause:
         time[epochs // 2 :] += 0.05 * epochs
     none = np.zeros((epochs, 0))
