@@ -212,7 +212,7 @@ def test_the_table_of_a_rate_table_is_written_once(program: Program, tmp_path: P
         (("ship-multi-angle",), "a plan of ship_multi_angle needs the run file: --run"),
         (("ship-planar", "-r", str(SHIP), "-o", "a.txt"), "--out a.txt: name a .csv"),
         (("ship-planar", "-r", str(SHIP), "--positions", "3"), "the plan of ship_planar has none"),
-        (("six-position",), "methods on a dividing head or a rate table"),
+        (("six-position",), "methods on a dividing head, a rate table or a"),
     ],
 )
 def test_refusals_of_a_rate_table_are_one_line(
