@@ -73,6 +73,13 @@ def test_a_hold_ends_where_samples_are_missing_and_where_labels_change():
     assert time[starts[1]] == pytest.approx(12.0)
 
 
+def test_settling_goes_where_a_label_follows_a_turn_at_once():
+    steps = (STEPS[0], Rotation("turn", 0, 2 * pi, 0.5), STEPS[-1])
+    time, angles, labels = moved(steps, 100.0, 0.5 * ARCSEC)
+    start, _ = find_holds(time, angles, labels, 0.25)[-1]
+    assert time[start] - time[labels == "c"][0] == pytest.approx(0.25, abs=0.15)
+
+
 def test_the_path_of_the_catalogue_is_found_whole():
     path = fast()
     time, angles, labels = moved(path, 50.0, 0.5 * ARCSEC)

@@ -84,18 +84,23 @@ def find_holds(
         reach = maximum_filter1d(own, window) - minimum_filter1d(own, window)
         quiet &= reach <= most
     held = maximum_filter1d(quiet.astype(np.uint8), window).astype(np.bool_)
+    settled = np.zeros(n, dtype=np.bool_)
+    for start, stop in _runs(held, np.zeros(n - 1, dtype=np.bool_)).tolist():
+        first = np.searchsorted(time, time[start] + settling) if start else 0
+        last = np.searchsorted(time, time[stop - 1] - settling, "right") if stop < n else n
+        settled[first:last] = True
     parted = np.diff(time) > _APART
     if labels is not None:
         parted |= (labels[1:] != labels[:-1]) & (labels[1:] != "") & (labels[:-1] != "")
-    cut = np.flatnonzero((held[1:] != held[:-1]) | parted) + 1
-    start, stop = np.append(0, cut), np.append(cut, n)
-    start, stop = start[held[start]], stop[held[start]]
-    moved = np.append(True, ~held[:-1])[start], np.append(~held, True)[stop]  # before, after
-    first = np.searchsorted(time, time[start] + settling * (moved[0] & (start > 0)))
-    last = np.searchsorted(time, time[stop - 1] - settling * (moved[1] & (stop < n)), "right")
-    found = np.stack([first, last], axis=-1).astype(np.int64)
-    found = found[found[:, 1] > found[:, 0]]
+    found = _runs(settled, parted)
     return found[time[found[:, 1] - 1] - time[found[:, 0]] >= _LEAST * (1 - 1e-3)]
+
+
+def _runs(wanted: NDArray[np.bool_], parted: NDArray[np.bool_]) -> Indices:
+    """Return the unbroken runs of what is wanted, (r, 2), half open; each parting ends one."""
+    cut = np.flatnonzero((wanted[1:] != wanted[:-1]) | parted) + 1
+    bounds = np.stack([np.append(0, cut), np.append(cut, wanted.size)], axis=-1)
+    return bounds[wanted[bounds[:, 0]]].astype(np.int64)
 
 
 def find_turns(time: Array, angles: Array, labels: NDArray[np.str_] | None) -> tuple[Turned, ...]:
