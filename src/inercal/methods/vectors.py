@@ -16,13 +16,21 @@ from inercal.estimate import Gauge, Gaussian, Problem
 from inercal.motion import Motion
 from inercal.observe import vector
 from inercal.parameters import Parameter
-from inercal.plan import Index, Spin
+from inercal.plan import Index, Spin, TableStep
 from inercal.recording import Observations
 from inercal.sensors import G0, Sensor
 
 Array = NDArray[np.float64]
 ROUNDING = 2.0**-50  # of a reading, by the few operations that give it
-_NATURAL = {"m/s²": G0, "m": 1.0, "(m/s²)⁻¹": 1 / G0, "1": 1.0, "rad": 1.0, "rad/s": 1.0}
+_NATURAL = {
+    "m/s²": G0,
+    "m": 1.0,
+    "(m/s²)⁻¹": 1 / G0,
+    "1": 1.0,
+    "rad": 1.0,
+    "rad/s": 1.0,
+    "s": 1.0,
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +54,9 @@ Feel = Callable[[Mapping[str, Array]], Felt]
 
 
 def require_rows(
-    observations: Observations, sensor: Sensor, steps: Sequence[Index] | Sequence[Spin]
+    observations: Observations,
+    sensor: Sensor,
+    steps: Sequence[Index] | Sequence[Spin] | Sequence[TableStep],
 ) -> None:
     """Refuse steps or channels that are not those of the rows.
 

@@ -1,0 +1,200 @@
+"""An IMU on a turntable by the traditional procedure: means at rest, and over steady whole turns.
+
+Accelerometers read gravity in positions, gyros the earth's rate there and steady rates of both
+signs in rotations: biases and the earth's rate are what the signs leave, scale and misalignment
+what they turn. What the table may be off by is a nuisance with its stated deviation; the drift of
+biases makes neighbouring rows alike::
+
+    cov(r, s) = B² τ² (1 − e^(−T_r/τ)) (1 − e^(−T_s/τ)) e^(−gap/τ) / (T_r T_s)
+    var(r)    = 2 B² τ² (T_r/τ − 1 + e^(−T_r/τ)) / T_r²
+
+of a Gauss–Markov process of τ = 200 s. Accelerometers take no part in rotations, where an unstated
+lever arm would be felt.
+
+Source: IEEE Std 1293 and 1431, multipoint and rate tests; Titterton and Weston, Strapdown Inertial
+Navigation Technology, 2nd edition, chapter 8.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches.turntable import Turntable
+from inercal.benches.turntable_paths import discrete as discrete_path
+from inercal.errors import InputError
+from inercal.estimate import Estimate, Gaussian, Problem
+from inercal.estimate import least_squares as solve
+from inercal.methods import vectors
+from inercal.methods._base import Method
+from inercal.methods.observed import require_observed
+from inercal.methods.turntable_discrete.felt import Way, felt, mean, planned, rows
+from inercal.methods.turntable_kalman.model import CORRELATION
+from inercal.plan import Position, Rotation, TableStep
+from inercal.recording import Observations, Track
+from inercal.sensors import Sensor
+
+Array = NDArray[np.float64]
+_FEWEST = 3  # samples of a row
+
+
+def least_squares(
+    observations: Observations,
+    sensor: Sensor,
+    bench: Turntable,
+    steps: Sequence[TableStep],
+    priors: Sequence[Gaussian] = (),
+) -> Estimate:
+    """Return the coefficients from one row for each position and each rotation.
+
+    Parameters
+    ----------
+    observations : Observations
+        (..., r, m) in SI. With a track, its readback says where the table was in each row and how
+        far it turned; without one, positions are as planned and rotations whole turns at the
+        steady rate.
+    sensor : Sensor
+        Accelerometers, gyros or both, and the coefficients that are wanted.
+    bench : Turntable
+    steps : sequence of r Position or Rotation
+        Of the rows, in the order they were carried out.
+    priors : sequence of Gaussian
+        On coefficients, from elsewhere.
+
+    Raises
+    ------
+    InputError
+        Steps that are not those of the rows, two of one label, angles of other axes than the
+        table's, or a row without noise.
+    NotObserved
+        Coefficients that these steps leave open, by name.
+    """
+    vectors.require_rows(observations, sensor, steps)
+    if observations.track is None:
+        _require_axes(bench, steps)
+        ways = planned(bench, steps)
+    else:
+        observations, ways = _followed(observations, observations.track, steps)
+    estimate = solve(problem(_drifting(observations, sensor), sensor, bench, ways, priors))
+    require_observed(estimate, sensor, missing=())
+    return estimate
+
+
+def problem(
+    observations: Observations,
+    sensor: Sensor,
+    bench: Turntable,
+    ways: Sequence[Way],
+    priors: Sequence[Gaussian] = (),
+) -> Problem:
+    """Return the problem of all readings but those of accelerometers in rotations.
+
+    Parameters
+    ----------
+    observations : Observations
+        (..., r, m) in SI.
+    sensor : Sensor
+    bench : Turntable
+    ways : sequence of r Way
+        Of the rows.
+    priors : sequence of Gaussian
+        On coefficients.
+    """
+    motion, df, dw = rows(bench, ways)
+    declared = {n: p for n, p in bench.nuisances().items() if n in df or n in dw}
+    whole = vectors.problem(
+        observations, sensor, declared, lambda q: felt(bench, motion, df, dw, q), priors
+    )
+    turns = np.array([len(way.time) > 1 for way in ways])
+    forces = np.array([axis.measures == "f" for axis in sensor.axes])
+    at = np.flatnonzero(~(turns[:, None] & forces))
+    assert not callable(whole.noise)
+
+    def linearise(x: Array) -> tuple[Array, Array]:
+        residual, jacobian = whole.linearise(x)
+        return residual[..., at], jacobian[..., at, :]
+
+    return replace(
+        whole,
+        linearise=linearise,
+        noise=whole.noise[..., at[:, None], at],
+        observations=tuple(whole.observations[k] for k in at),
+    )
+
+
+def drift_covariance(variance: Array, walk: Array, start: Array, stop: Array) -> Array:
+    """Return the covariance of m drifting biases between means over r spans, (r, r, m).
+
+    Parameters
+    ----------
+    variance, walk : (m,) arrays
+        Of the drift, SI², and of its walk by second, SI²/s.
+    start, stop : (r,) arrays
+        s; spans do not overlap.
+    """
+    lasting, tau = stop - start, CORRELATION
+    gap = np.maximum(start[:, None] - stop, start - stop[:, None])
+    fall = -np.expm1(-lasting / tau) * tau / lasting
+    alike = fall[:, None] * fall * np.exp(-np.maximum(gap, 0.0) / tau)
+    np.fill_diagonal(alike, 2 * tau / lasting * (1 - fall))
+    middle = 0.5 * (start + stop) - start.min()
+    walked = np.minimum(middle[:, None], middle)
+    # Within one span min(t, t′) averages to its start plus a third of its length.
+    np.fill_diagonal(walked, middle - lasting / 6)
+    return alike[..., None] * variance + walked[..., None] * walk
+
+
+def _drifting(observations: Observations, sensor: Sensor) -> Observations:
+    """Return the observations with the drift that the sensor states, in place of another."""
+    noise = [axis.noise for axis in sensor.axes]
+    variance = np.array([one.bias_instability**2 for one in noise])
+    walk = np.array([one.random_walk**2 for one in noise])
+    if not (variance.any() or walk.any()):
+        return observations
+    start = observations.time - observations.duration / 2
+    stop = start + observations.duration
+    return replace(observations, drift=drift_covariance(variance, walk, start, stop))
+
+
+def _followed(
+    observations: Observations, track: Track, steps: Sequence[TableStep]
+) -> tuple[Observations, list[Way]]:
+    """Return the rows' ways by readback, and rotations' means by trapezoids over the same span."""
+    means, ways = observations.mean.copy(), list[Way]()
+    for r, step in enumerate(steps):
+        half = observations.duration[r] / 2
+        at = np.flatnonzero(np.abs(track.time - observations.time[r]) <= half * (1 + 1e-9))
+        if at.size < _FEWEST:
+            raise InputError(f"{step.label}: the track has {at.size} samples in it")
+        if isinstance(step, Rotation):
+            # A label may begin with the first sample that moves: the one before is at rest.
+            at = np.arange(max(int(at[0]) - 1, 0), int(at[-1]) + 1)
+        time, angles = track.time[at], track.angles[..., at, :]
+        if isinstance(step, Position):
+            ways.append(Way(time[:1], angles.mean(axis=-2, keepdims=True)))
+        else:
+            ways.append(Way(time, angles))
+            means[..., r, :] = mean(track.reading[..., at, :], time, -2)
+    return replace(observations, mean=means), ways
+
+
+def _require_axes(bench: Turntable, steps: Sequence[TableStep]) -> None:
+    k = len(bench.axes)
+    for step in steps:
+        if step.angles is not None and len(step.angles) != k:
+            raise InputError(f"{step.label}: {len(step.angles)} angles; the table's axes are {k}")
+        if not isinstance(step, Position) and step.axis >= k:
+            raise InputError(f"{step.label}: axis {step.axis}; the table has 0 to {k - 1}")
+
+
+METHOD = Method(
+    name="turntable_discrete",
+    bench=Turntable,
+    finds={"f": ("bias", "scale", "misalignment"), "w": ("bias", "scale", "misalignment")},
+    also={"f": ("k2",), "w": ("g",)},
+    needs=(),
+    plan=discrete_path,
+    estimators={"least_squares": least_squares},
+    source="IEEE Std 1293 and 1431, multipoint and rate tests on a turntable",
+)

@@ -1,0 +1,178 @@
+"""What an IMU on a turntable feels on average in a position, and over a rotation.
+
+The readback's attitude C_k at times t_k is off by a small rotation φ_k = B_k β in the level frame::
+
+    f̄ = mean Cᵀ(v + v × φ),  v = (0, 0, g)
+    ω̄ = mean Cᵀ(Ω + Ω × φ) + Σ log(C_kᵀ C_k+1)/T + Σ Cᵀ (φ_k+1 − φ_k)/T
+
+with means by trapezoids, Ω the earth's rate. Over whole turns harmonics cancel by themselves. A
+readback that is late shifts the sum by its two ends: nothing from rest to rest or at a steady rate.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import copysign, pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches.turntable import Turntable
+from inercal.benches.turntable_attitude import misalignment, reference
+from inercal.earth import earth_rate_up_north
+from inercal.frames import log_so3
+from inercal.methods.vectors import Felt
+from inercal.motion import Motion
+from inercal.plan import Position, TableStep
+
+Array = NDArray[np.float64]
+_TURN = 361  # points of one turn that is taken from the plan
+
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """How the axes stood or turned in one row.
+
+    Parameters
+    ----------
+    time : (n,) array
+        s; one sample is a position.
+    angles : (..., n, k) array
+        Readback, rad, the outermost axis first.
+    """
+
+    time: Array
+    angles: Array
+
+
+def planned(bench: Turntable, steps: Sequence[TableStep]) -> list[Way]:
+    """Return the ways that steps ask for; of a rotation one turn at its steady rate.
+
+    Parameters
+    ----------
+    bench : Turntable
+    steps : sequence of TableStep
+        In the order they were carried out: a rotation may begin where the step before has ended.
+    """
+    now = np.zeros(len(bench.axes))
+    ways: list[Way] = []
+    for step in steps:
+        if step.angles is not None:
+            now = np.array(step.angles, dtype=float)
+        if isinstance(step, Position):
+            ways.append(Way(np.zeros(1), now[None]))
+            continue
+        turned = np.zeros((_TURN, len(now)))
+        turned[:, step.axis] = np.linspace(0, copysign(2 * pi, step.angle), _TURN)
+        ways.append(Way(np.linspace(0, 2 * pi / step.rate, _TURN), now + turned))
+        now = now.copy()
+        now[step.axis] += step.angle
+    return ways
+
+
+def mean(values: Array, time: Array, axis: int) -> Array:
+    """Return the mean over time by trapezoids along an axis; of one sample itself."""
+    if len(time) == 1:
+        return np.take(values, 0, axis=axis)
+    made = np.trapezoid(np.moveaxis(values, axis, -1), time, axis=-1)
+    return np.asarray(made, dtype=float) / (time[-1] - time[0])
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """Means of one row: f and ω, (..., 3), and how they move with the bench's parameters."""
+
+    f: Array
+    w: Array
+    df: Mapping[str, Array]
+    dw: Mapping[str, Array]
+
+
+def row(bench: Turntable, way: Way) -> Row:
+    """Return what is felt in one row with the bench as its readback says.
+
+    Raises
+    ------
+    InputError
+        Angles of another number of axes.
+    """
+    time, mat = way.time, reference(bench, way.angles)
+    seen = misalignment(bench, way.angles)
+    up, north = earth_rate_up_north(bench.latitude)
+    force, earth = np.array([0, 0, bench.gravity.value]), np.array([0, north, up])
+    back = np.swapaxes(mat, -1, -2)
+
+    def moved(v: Array) -> Array:
+        """Return mean Cᵀ (v × B), (..., 3, q)."""
+        return mean(back @ np.cross(v[:, None], seen.by, axis=-2), time, -3)
+
+    f, w = mean(back @ force, time, -2), mean(back @ earth, time, -2)
+    by_f, by_w = moved(force), moved(earth)
+    dw: dict[str, Array] = {}
+    if len(time) > 1:
+        lasting = time[-1] - time[0]
+        steps = log_so3(back[..., :-1, :, :] @ mat[..., 1:, :, :])
+        turned = steps.sum(axis=-2) / lasting
+        middle = 0.5 * (back[..., :-1, :, :] + back[..., 1:, :, :])
+        by_w = by_w + np.sum(middle @ np.diff(seen.by, axis=-3), axis=-3) / lasting
+        rates = steps / np.diff(time)[:, None]
+        first, last = (
+            1.5 * rates[..., a, :] - 0.5 * rates[..., b, :] for a, b in ((0, 1), (-1, -2))
+        )
+        dw["latency"] = (last - first) / lasting
+        dw["clock"] = turned
+        w = w + turned
+    names = [q.name for q in seen.parameters]
+    df = {name: by_f[..., j] for j, name in enumerate(names)} | {"g": f / bench.gravity.value}
+    return Row(f, w, df, dw | {name: by_w[..., j] for j, name in enumerate(names)})
+
+
+def rows(
+    bench: Turntable, ways: Sequence[Way]
+) -> tuple[Motion, dict[str, Array], dict[str, Array]]:
+    """Return all rows: the motion, (..., r, 3), ∂f and ∂ω by the bench's parameters.
+
+    Raises
+    ------
+    InputError
+        Angles of another number of axes.
+    """
+    made = [row(bench, way) for way in ways]
+    zero = np.zeros_like(made[0].f)
+
+    def stacked(each: Sequence[Array]) -> Array:
+        return np.stack(np.broadcast_arrays(*each), axis=-2)
+
+    df = {n: stacked([one.df[n] for one in made]) for n in made[0].df}
+    names = dict.fromkeys(name for one in made for name in one.dw)
+    dw = {n: stacked([one.dw.get(n, zero) for one in made]) for n in names}
+    motion = Motion(stacked([one.f for one in made]), stacked([one.w for one in made]))
+    return motion, df, dw
+
+
+def felt(
+    bench: Turntable,
+    motion: Motion,
+    df: Mapping[str, Array],
+    dw: Mapping[str, Array],
+    q: Mapping[str, Array],
+) -> Felt:
+    """Return what is felt with the bench's parameters at q, to first order in what they are off.
+
+    Parameters
+    ----------
+    bench : Turntable
+    motion, df, dw
+        As of `rows`.
+    q : mapping of str to (...) array
+        Values by name, SI; those missing are as declared.
+    """
+    declared = bench.nuisances()
+    f, w = motion.f, motion.w
+    for name in {*df, *dw} & set(q):
+        # The readback is taken as it came: a known delay is off it as much as an unknown one.
+        off = q[name] - (0.0 if name == "latency" else declared[name].value)
+        if np.any(off):
+            beside = off[..., None, None]
+            f = f + df[name] * beside if name in df else f
+            w = w + dw[name] * beside if name in dw else w
+    return Felt(Motion(f, w), df, dw)

@@ -1,0 +1,256 @@
+"""Compiled: attitude from one readback to the next, and the whitening of what is left.
+
+Level frame and signs as in `inercal.methods.turntable_kalman._kernels`.
+"""
+# Numba's decorator has no types.
+# pyright: reportUntypedFunctionDecorator=false
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from inercal.methods.turntable_kalman._kernels import apart, matrix, rotate
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+_FORCE, _RATE, _SQUARE, _BASIS = 1, 4, 7, 13  # as in `terms`
+# Rates are taken as linear between samples: what that is off by where they bend (see there).
+_KINK, _BENT = 0.09, 150.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _gravity(phi: Array, c: Array, gravity: float) -> None:
+    """Write what depends on the reaction of gravity into φ."""
+    phi[0] = 1.0
+    for k in range(3):
+        phi[_FORCE + k] = gravity * c[2, k]
+    for k in range(3):
+        phi[_SQUARE + k] = phi[_FORCE + k] ** 2
+    phi[_SQUARE + 3] = phi[_FORCE] * phi[_FORCE + 1]
+    phi[_SQUARE + 4] = phi[_FORCE] * phi[_FORCE + 2]
+    phi[_SQUARE + 5] = phi[_FORCE + 1] * phi[_FORCE + 2]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def increments(
+    time: Array,
+    rates: Array,
+    epochs: Indices,
+    reference: Array,
+    nominal: Array,
+    axis: Indices,
+    weights: Array,
+    theta: Array,
+    earth: Array,
+    gravity: float,
+    noise: Array,
+    apart_by: Array,
+    columns: Array,
+    drifting: Array,
+    driven: Array,
+) -> None:
+    """Carry the table's attitude from each epoch to the next by the gyros; write what is left.
+
+    Parameters
+    ----------
+    time : (n,) array
+    rates : (n, 3) array
+        Readings, rad/s.
+    epochs : (e + 1,) array
+        Samples, ascending.
+    reference : (e + 1, 3, 3) array
+        Attitude by readback there.
+    nominal, axis, weights
+        Of `terms`.
+    theta : (p,) array
+        Coefficients.
+    earth : (3,) array
+        Its rate in the level frame, rad/s.
+    gravity : float
+        m/s².
+    noise : (3,) array
+        Variance of each gyro's angle, rad²/s.
+    apart_by : (e, 3) array
+        Written: the rotation from the gyros' to the readback's attitude, level frame, rad.
+    columns, drifting : (e, 3, p) and (e, 3, 3) arrays
+        Written: how it moves with coefficients and biases.
+    driven : (e, 3, 3) array
+        Written: covariance that the gyros' noise gives it, rad².
+    """
+    count = axis.size
+    m, phi, wrong, c = np.zeros((3, 3)), np.zeros(_BASIS), np.zeros(3), np.zeros((3, 3))
+    half, move, u, cm = np.zeros((3, 3)), np.zeros(3), np.zeros(3), np.zeros((3, 3))
+    turn, fed = np.zeros(3), np.zeros(3)
+    matrix(nominal, axis, weights, theta, _RATE, m)
+    columns[:], drifting[:], driven[:] = 0.0, 0.0, 0.0
+    for e in range(epochs.size - 1):
+        c[:] = reference[e]
+        for i in range(epochs[e] + 1, epochs[e + 1] + 1):
+            dt = time[i] - time[i - 1]
+            _gravity(phi, c, gravity)
+            for k in range(3):
+                move[k] = 0.5 * (rates[i, k] + rates[i - 1, k])
+                wrong[k] = 0.0
+            for s in range(count):
+                for b in range(_BASIS):
+                    if b < _RATE or b >= _SQUARE:
+                        wrong[axis[s]] += theta[s] * weights[s, b] * phi[b]
+            for k in range(3):
+                u[k] = 0.0
+                for j in range(3):
+                    u[k] += m[k, j] * (move[j] - wrong[j])
+                phi[_RATE + k] = u[k]
+            for k in range(3):
+                around = 0.0
+                for j in range(3):
+                    around += c[j, k] * earth[j]
+                j1, j2 = (k + 1) % 3, (k + 2) % 3
+                coning = rates[i - 1, j1] * rates[i, j2] - rates[i - 1, j2] * rates[i, j1]
+                turn[k] = (u[k] - around) * dt + coning * dt * dt / 12
+                fed[k] = 0.5 * turn[k]
+            half[:] = c
+            rotate(half, fed)
+            rotate(c, turn)
+            for k in range(3):
+                for j in range(3):
+                    cm[k, j] = 0.0
+                    for b in range(3):
+                        cm[k, j] += half[k, b] * m[b, j]
+            for s in range(count):
+                size = 0.0
+                for b in range(_BASIS):
+                    size += weights[s, b] * phi[b]
+                for k in range(3):
+                    columns[e, k, s] -= cm[k, axis[s]] * size * dt
+            for k in range(3):
+                for j in range(3):
+                    drifting[e, k, j] -= cm[k, j] * dt
+                    for b in range(3):
+                        driven[e, k, j] += cm[k, b] * noise[b] * cm[j, b] * dt
+                if i > 1:
+                    bent = rates[i, k] - 2 * rates[i - 1, k] + rates[i - 2, k]
+                    if bent * bent > _BENT * noise[k] / dt:
+                        for j in range(3):
+                            driven[e, j, j] += (_KINK * bent * dt) ** 2
+        apart(reference[e + 1], c, apart_by[e])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def whiten(
+    since: Array,
+    rows: Array,
+    drifting: Array,
+    driven: Array,
+    readback: float,
+    drift: Array,
+    correlation: float,
+    earth: Array,
+    gap: float,
+) -> None:
+    """Whiten sums of increments that readback's noise, a walk of φ and drift make alike, in place.
+
+    With φ_k+1 = E φ_k + D_k γ + w and z_k = φ_k − v_k, the innovations of a Kalman filter of φ and
+    the drift γ, each divided by the root of its covariance, are independent: so are those of any
+    column of the Jacobian that goes through the same filter (Kailath 1968, IEEE TAC 13, 646–655).
+
+    Parameters
+    ----------
+    since : (e,) array
+        Time of each increment, s; one above `gap` begins anew and says nothing.
+    rows : (e, 3, m) array
+        Increments of the residual and of columns, rad: replaced.
+    drifting, driven : (e, 3, 3) arrays
+        As of `increments`.
+    readback : float
+        Variance of the attitude by readback, rad².
+    drift : (3, 2) array
+        Of each bias: variance of its drift, (rad/s)², and of its walk, (rad/s)²/s.
+    correlation : float
+        Time of the drift, s.
+    earth : (3,) array
+        rad/s.
+    gap : float
+        s.
+    """
+    m = rows.shape[2]
+    total, x, before = np.zeros((3, m)), np.zeros((6, m)), np.zeros((6, m))
+    p, moved, f = np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6))
+    root, gain = np.zeros((3, 3)), np.zeros((6, 3))
+    for k in range(3):
+        p[k, k], p[3 + k, 3 + k] = readback, drift[k, 0]
+    for e in range(since.size):
+        dt = since[e]
+        kept = np.exp(-dt / correlation)
+        f[:] = 0.0
+        for k in range(3):
+            f[k, k], f[3 + k, 3 + k] = 1.0, kept
+            for j in range(3):
+                f[k, 3 + j] = drifting[e, k, j]
+        # −[ω_ie×] of φ.
+        f[0, 1], f[0, 2], f[1, 2] = earth[2] * dt, -earth[1] * dt, earth[0] * dt
+        f[1, 0], f[2, 0], f[2, 1] = -f[0, 1], -f[0, 2], -f[1, 2]
+        before[:] = x
+        x[:] = f @ before
+        moved[:] = f @ p
+        p[:] = moved @ f.T
+        for k in range(3):
+            p[3 + k, 3 + k] += drift[k, 0] * (1 - kept * kept) + drift[k, 1] * dt
+            for j in range(3):
+                p[k, j] += driven[e, k, j]
+        if dt > gap:
+            # φ is lost; drift goes on.
+            total[:], x[:3], rows[e] = 0.0, 0.0, 0.0
+            p[:3, :], p[:, :3] = 0.0, 0.0
+            for k in range(3):
+                p[k, k] = readback
+            continue
+        before[:3] = total
+        for k in range(3):
+            for c in range(m):
+                total[k, c] = rows[e, k, c]
+                for j in range(3):
+                    total[k, c] += f[k, j] * before[j, c]
+        s = p[:3, :3] + readback * np.eye(3)
+        root[:] = np.linalg.inv(np.linalg.cholesky(s))
+        off = total - x[:3]
+        rows[e] = root @ off
+        gain[:] = p[:, :3] @ (root.T @ root)
+        x += gain @ off
+        moved[:3] = p[:3]
+        p -= gain @ moved[:3]
+        for k in range(6):
+            for j in range(k):
+                p[j, k] = p[k, j]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def whiten_each(time: Array, rows: Array, white: Array, drift: Array, correlation: float) -> None:
+    """Whiten means of axes that drift each by itself, in place.
+
+    Parameters
+    ----------
+    time : (e,) array
+        s, of their middles.
+    rows : (e, 3, m) array
+        Residual and columns, replaced.
+    white : (e, 3) array
+        Variance of the noise of each.
+    drift : (3, 2) array
+    correlation : float
+        As of `whiten`.
+    """
+    x = np.zeros(rows.shape[2])
+    for k in range(3):
+        x[:] = 0.0
+        p = drift[k, 0]
+        for e in range(time.size):
+            if e > 0:
+                dt = time[e] - time[e - 1]
+                kept = np.exp(-dt / correlation)
+                p = kept * kept * p + drift[k, 0] * (1 - kept * kept) + drift[k, 1] * dt
+                x *= kept
+            s = p + white[e, k]
+            off = rows[e, k] - x
+            rows[e, k] = off / np.sqrt(s)
+            x += p / s * off
+            p -= p * p / s
