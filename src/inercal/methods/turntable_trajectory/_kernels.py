@@ -13,6 +13,7 @@ from inercal.methods.turntable_kalman._kernels import apart, matrix, rotate
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 _FORCE, _RATE, _SQUARE, _BASIS = 1, 4, 7, 13  # as in `terms`
 # Rates are taken as linear between samples: what that is off by where they bend (see there).
 _KINK, _BENT = 0.09, 150.0
@@ -145,7 +146,7 @@ def whiten(
     drift: Array,
     correlation: float,
     earth: Array,
-    gap: float,
+    lost: Bools,
 ) -> None:
     """Whiten sums of increments that readback's noise, a walk of φ and drift make alike, in place.
 
@@ -156,7 +157,7 @@ def whiten(
     Parameters
     ----------
     since : (e,) array
-        Time of each increment, s; one above `gap` begins anew and says nothing.
+        Time of each increment, s.
     rows : (e, 3, m) array
         Increments of the residual and of columns, rad: replaced.
     drifting, driven : (e, 3, 3) arrays
@@ -169,8 +170,8 @@ def whiten(
         Time of the drift, s.
     earth : (3,) array
         rad/s.
-    gap : float
-        s.
+    lost : (e,) array of bool
+        Which increments say nothing: the attitude begins anew after them.
     """
     m = rows.shape[2]
     total, x, before = np.zeros((3, m)), np.zeros((6, m)), np.zeros((6, m))
@@ -197,7 +198,7 @@ def whiten(
             p[3 + k, 3 + k] += drift[k, 0] * (1 - kept * kept) + drift[k, 1] * dt
             for j in range(3):
                 p[k, j] += driven[e, k, j]
-        if dt > gap:
+        if lost[e]:
             # φ is lost; drift goes on.
             total[:], x[:3], rows[e] = 0.0, 0.0, 0.0
             p[:3, :], p[:, :3] = 0.0, 0.0
@@ -214,7 +215,7 @@ def whiten(
         root[:] = np.linalg.inv(np.linalg.cholesky(s))
         off = total - x[:3]
         rows[e] = root @ off
-        gain[:] = p[:, :3] @ (root.T @ root)
+        gain[:] = np.ascontiguousarray(p[:, :3]) @ (root.T @ root)
         x += gain @ off
         moved[:3] = p[:3]
         p -= gain @ moved[:3]

@@ -1,0 +1,211 @@
+"""An IMU on a turntable by generalised least squares over a whole recording at once.
+
+The gyros carry the attitude from one readback to the next, ten times a second; accelerometers read
+gravity where the table holds. Coefficients and what the table may be off by, timing included, are
+found together by Gauss–Newton steps on residuals that are made independent exactly: the noise of
+gyros and accelerometers, that of the readback and the drift of biases (Gauss–Markov, 200 s) go
+through a filter of their own, the same for every column of the Jacobian. For normal noise no
+unbiased estimate is better (Cramér–Rao); the filters of `turntable_kalman` are held to it.
+
+Source: Aitken 1935, Proc. R. Soc. Edinburgh 55, 42–48 (generalised least squares); Kailath 1968,
+IEEE TAC 13, 646–655 (innovations).
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches.turntable import Turntable
+from inercal.benches.turntable_paths import fast as fast_path
+from inercal.errors import InputError, NotObserved
+from inercal.estimate import Estimate, Gaussian, Problem
+from inercal.estimate import least_squares as solve
+from inercal.methods import vectors
+from inercal.methods._base import Method
+from inercal.methods.turntable_kalman import model
+from inercal.methods.turntable_trajectory.rows import Resting, Turning, parameters
+from inercal.plan import TableStep
+from inercal.recording import Observations, Track
+from inercal.sensors import Sensor
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+def trajectory(
+    observations: Observations,
+    sensor: Sensor,
+    bench: Turntable,
+    steps: Sequence[TableStep],
+    priors: Sequence[Gaussian] = (),
+) -> Estimate:
+    """Return the coefficients by all of a recording at once, one trial after the other.
+
+    Parameters
+    ----------
+    observations : Observations
+        With the track of samples; its rows are not used.
+    sensor : Sensor
+        Triads of gyros, of accelerometers or of both, with their noise stated.
+    bench : Turntable
+    steps : sequence of Position or Rotation
+        Unused: the readback says what was done.
+    priors : sequence of Gaussian
+        On coefficients.
+
+    Raises
+    ------
+    InputError
+        No track, no rest for accelerometers, or a sensor that the method does not take.
+    NotObserved
+        Directions that the run does not decide.
+    """
+    track = observations.track
+    if track is None:
+        raise InputError("a trajectory follows a recording; means of positions are not enough")
+    lead = track.reading.shape[:-2]
+    return stacked(
+        [solved(sensor, bench, track.trial(*k), priors) for k in np.ndindex(*lead)], lead
+    )
+
+
+def solved(
+    sensor: Sensor,
+    bench: Turntable,
+    track: Track,
+    priors: Sequence[Gaussian] = (),
+    epochs: Indices | None = None,
+) -> Estimate:
+    """Return the estimate of one trial.
+
+    Parameters
+    ----------
+    sensor, bench, priors
+        As of `trajectory`.
+    track : Track
+        Of one trial.
+    epochs : (e,) array of int, optional
+        Samples at which the readback is compared with the gyros; None is ten times a second.
+
+    Raises
+    ------
+    InputError, NotObserved
+        As of `trajectory`.
+    """
+    parts = tuple(_parts(sensor, bench, track, epochs))
+    estimate = solve(problem(sensor, bench, parts, priors))
+    for part in parts:
+        at = [sensor.coefficients.index(name) for name in part.part.sensor.coefficients]
+        _require_decided(part, estimate.covariance[np.ix_(at, at)])
+    return estimate
+
+
+def problem(
+    sensor: Sensor,
+    bench: Turntable,
+    parts: Sequence[Turning | Resting],
+    priors: Sequence[Gaussian] = (),
+) -> Problem:
+    """Return the problem of whitened residuals of one trial.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    bench : Turntable
+    parts : sequence of Turning or Resting
+        What gyros and accelerometers leave.
+    priors : sequence of Gaussian
+        On coefficients, beside those of `model.EXPECTED`.
+    """
+    loose = {one.name: one for one in parameters(bench)}
+    p, q = len(sensor.coefficients), len(loose)
+    own = [_places(part, sensor) for part in parts]
+    expected = [
+        Gaussian.independent(one.part.sensor.coefficients, 0.0, model.expected(one.part))
+        for one in parts
+    ]
+
+    def linearise(x: Array) -> tuple[Array, Array]:
+        nuisances = dict(zip(loose, x[p:].tolist(), strict=True))
+        residuals: list[Array] = []
+        jacobians: list[Array] = []
+        for part, at in zip(parts, own, strict=True):
+            residual, slope = part.rows(x[at], nuisances)
+            jacobian = np.zeros((len(residual), p + q))
+            jacobian[:, np.concatenate([at, np.arange(p, p + q)])] = slope
+            residuals.append(residual)
+            jacobians.append(jacobian)
+        return np.concatenate(residuals), np.concatenate(jacobians)
+
+    start = vectors.start(p, loose)
+    return Problem(
+        names=(*sensor.coefficients, *loose),
+        start=start,
+        linearise=linearise,
+        noise=np.ones(len(linearise(start)[0])),
+        scale=vectors.scale(sensor, loose),
+        priors=(*expected, *vectors.with_bench(loose, priors)),
+        wanted=sensor.coefficients,
+        rounding=_ROUNDING,
+    )
+
+
+# Whitening follows the coefficients and sums many increments: a fall of χ² below this says nothing.
+_ROUNDING = 1e-7
+
+
+def _parts(
+    sensor: Sensor, bench: Turntable, track: Track, epochs: Indices | None
+) -> list[Turning | Resting]:
+    kinds = {axis.measures for axis in sensor.axes}
+    made: list[Turning | Resting] = []
+    if "w" in kinds:
+        made.append(Turning.of(model.triad(sensor, "w"), bench, track, epochs))
+    if "f" in kinds:
+        made.append(Resting.of(model.triad(sensor, "f"), bench, track))
+    return made
+
+
+def _places(part: Turning | Resting, sensor: Sensor) -> Indices:
+    names = part.part.sensor.coefficients
+    return np.array([sensor.coefficients.index(name) for name in names], dtype=np.int64)
+
+
+def _require_decided(part: Turning | Resting, covariance: Array) -> None:
+    free, p = model.undecided(part.part, covariance), len(covariance)
+    if free:
+        words = tuple(direction.words for direction in free)
+        what = "gyros" if isinstance(part, Turning) else "accelerometers"
+        raise NotObserved(
+            f"not observed: the run decides {p - len(free)} of {p} coefficients of the {what}; it "
+            f"leaves open, in units of g and rad/s: {'; '.join(words)}; turn about each axis with "
+            "the readback all along, hold more attitudes, or give priors",
+            words,
+        )
+
+
+def stacked(estimates: Sequence[Estimate], lead: tuple[int, ...]) -> Estimate:
+    """Return the estimates of trials as one, with leading axes of trials."""
+    if not lead:
+        return estimates[0]
+
+    def together(name: str) -> Array:
+        made = np.stack([np.asarray(getattr(one, name)) for one in estimates])
+        return made.reshape(*lead, *made.shape[1:])
+
+    changed = ("value", "covariance", "chi2", "residual", "whitened", "converged", "iterations")
+    return replace(estimates[0], **{name: together(name) for name in changed})
+
+
+METHOD = Method(
+    name="turntable_trajectory",
+    bench=Turntable,
+    finds={"f": ("bias", "scale", "misalignment"), "w": ("bias", "scale", "misalignment")},
+    also={"f": ("k2",), "w": ("g",)},
+    needs=(),
+    plan=fast_path,
+    estimators={"trajectory": trajectory},
+    source="Generalised least squares (Aitken 1935), whitened by innovations (Kailath 1968)",
+)

@@ -1,0 +1,238 @@
+"""Whitened residuals and Jacobians of a whole recording: gyros all along, accelerometers at rest.
+
+From one epoch to the next the gyros carry the readback's attitude C_k on; what the next readback
+then says beyond it is, with e_k = B_k β what the readback is off by (the true attitude is
+exp [e_k×] C_k) and v_k its noise, in the level frame, E the earth's turn within an epoch::
+
+    d_k+1 = −(e + v)_k+1 + E (e + v)_k − C M (∫ dε + dS ω + drift + noise)
+
+Summed up, z_k+1 = E z_k + d_k+1, the noise of the gyros is a walk of φ and that of the readback is
+white: `_kernels.whiten` makes them independent. Each carry starts from the table, so that nothing
+is of second order but what happens within one epoch.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import radians
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches.turntable import Turntable
+from inercal.benches.turntable_attitude import misalignment, reference
+from inercal.errors import InputError
+from inercal.frames import log_so3, skew
+from inercal.methods.turntable_kalman import _kernels as strapdown
+from inercal.methods.turntable_kalman import model
+from inercal.methods.turntable_trajectory import _kernels
+from inercal.motion import Motion
+from inercal.observe import vector
+from inercal.parameters import Parameter
+from inercal.recording import Track
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+UNDECLARED = radians(1 / 3600)  # sd of a readback beyond its noise: what no parameter holds
+_BLOCK = 1.0  # s of rest that make one mean
+
+
+def parameters(bench: Turntable) -> tuple[Parameter, ...]:
+    """Return the bench's parameters that are not exact and that a recording feels."""
+    return tuple(q for q in bench.parameters if q.sd > 0 and not q.name.startswith("lever_"))
+
+
+def _off(parameter: Parameter, q: Mapping[str, float]) -> float:
+    return q[parameter.name] - parameter.value
+
+
+@dataclass(frozen=True, eq=False)
+class Turning:
+    """The gyros of one trial against the readback.
+
+    Parameters
+    ----------
+    part : Triad
+    bench : Turntable
+    table : tuple of q Parameter
+        Nuisances, in the order of columns.
+    track : Track
+    epochs : (e + 1,) array of int
+        Samples at which the readback is taken.
+    by : (e + 1, 3, q) array
+        How each nuisance turns the attitude there, rad, level frame; those of time are zero.
+    """
+
+    part: model.Triad
+    bench: Turntable
+    table: tuple[Parameter, ...]
+    track: Track
+    epochs: Indices
+    by: Array
+
+    @classmethod
+    def of(
+        cls, part: model.Triad, bench: Turntable, track: Track, epochs: Indices | None = None
+    ) -> "Turning":
+        """Return the rows of one trial; epochs are ten a second unless they are given.
+
+        Raises
+        ------
+        InputError
+            A track of less than two epochs.
+        """
+        if epochs is None:
+            first = float(track.time[0])
+            due = strapdown.due(track.time, model.PERIOD * (1 - 1e-6), first)
+            epochs = np.concatenate([[0], due])
+        if epochs.size < len("ab"):
+            raise InputError(f"a recording of {track.time.size} samples has no way to follow")
+        table = parameters(bench)
+        # φ as it is observed falls as the true attitude gets ahead of the readback.
+        by = -model.beside(bench, table, track.angles[epochs])
+        return cls(part, bench, table, track, epochs, by)
+
+    def rows(self, theta: Array, q: Mapping[str, float]) -> tuple[Array, Array]:
+        """Return the whitened residual, (3 e,), and Jacobian, (3 e, p + q).
+
+        Parameters
+        ----------
+        theta : (p,) array
+            Coefficients of the gyros.
+        q : mapping of str to float
+            The bench's parameters by name, SI.
+        """
+        track, terms, n = self.track, self.part.terms, self.epochs.size - 1
+        time = track.time[self.epochs]
+        known = {one.name: one.value for one in self.bench.parameters} | dict(q)
+        stamp = time + known["latency"] + known["clock"] * (time - track.time[0])
+        earth, p = model.earth(self.bench), len(theta)
+        made = np.zeros((n, 3, 1 + p + len(self.table)))
+        apart, columns = np.zeros((n, 3)), np.zeros((n, 3, p))
+        drifting, driven = np.zeros((n, 3, 3)), np.zeros((n, 3, 3))
+        _kernels.increments(
+            track.time, np.ascontiguousarray(track.reading[:, self.part.channels]), self.epochs,
+            self._attitude(stamp), terms.nominal, terms.axis, terms.weights, theta, earth,
+            self.bench.gravity.value, self.part.white, apart, columns, drifting, driven,
+        )  # fmt: skip
+        by = self._by(stamp, time - track.time[0])
+        since = np.diff(time)
+        within = skew(earth) @ by[:-1] * since[:, None, None]
+        made[:, :, 1 : 1 + p] = columns
+        made[:, :, 1 + p :] = by[:-1] - within - by[1:]
+        made[:, :, 0] = apart
+        for k, one in enumerate(self.table):
+            if one.name not in ("latency", "clock"):  # the reference has those in it
+                made[:, :, 0] -= made[:, :, 1 + p + k] * _off(one, q)
+        _kernels.whiten(
+            since, made, drifting, driven, self.bench.white**2 + UNDECLARED**2, self.part.drift,
+            model.CORRELATION, earth, self._lost,
+        )  # fmt: skip
+        flat = made.reshape(3 * n, -1)
+        return flat[:, 0], flat[:, 1:]
+
+    @property
+    def _lost(self) -> NDArray[np.bool_]:
+        """Return on which ways samples are missing that rates cannot be carried over, (e,)."""
+        missing = (np.diff(self.track.time) > model.GAP).astype(np.int64)
+        return np.add.reduceat(missing[: self.epochs[-1]], self.epochs[:-1]) > 0
+
+    def _attitude(self, stamp: Array) -> Array:
+        """Return the attitude that the readback says by its stamps, (e + 1, 3, 3)."""
+        time = self.track.time
+        angles: list[Array] = [np.interp(stamp, time, axis) for axis in self.track.angles.T]
+        return reference(self.bench, np.stack(angles, axis=-1))
+
+    def _by(self, stamp: Array, since: Array) -> Array:
+        """Return how all nuisances turn the attitude, those of time by the table's rate there."""
+        names = [one.name for one in self.table]
+        if not {"latency", "clock"} & set(names):
+            return self.by
+        step = float(np.median(np.diff(self.track.time)))
+        before, after = (self._attitude(stamp + side) for side in (-step, step))
+        rate = log_so3(after @ np.swapaxes(before, -1, -2)) / (2 * step)
+        made = self.by.copy()
+        for name, lasting in (("latency", np.ones_like(since)), ("clock", since)):
+            if name in names:
+                made[..., names.index(name)] = rate * lasting[:, None]
+        return made
+
+
+@dataclass(frozen=True, eq=False)
+class Resting:
+    """The accelerometers of one trial in its holds, means of about a second.
+
+    Parameters
+    ----------
+    part : Triad
+    bench : Turntable
+    table : tuple of q Parameter
+        Nuisances, in the order of columns.
+    time : (e,) array
+        Of the middle of each mean, s.
+    reading : (e, 3) array
+        m/s².
+    white : (e, 3) array
+        Variance of each, (m/s²)².
+    felt : (e, 3) array
+        By readback and declared gravity, m/s².
+    by : (e, 3, q) array
+        How it moves with each nuisance.
+    """
+
+    part: model.Triad
+    bench: Turntable
+    table: tuple[Parameter, ...]
+    time: Array
+    reading: Array
+    white: Array
+    felt: Array
+    by: Array
+
+    @classmethod
+    def of(cls, part: model.Triad, bench: Turntable, track: Track) -> "Resting":
+        """Return the rows of one trial.
+
+        Raises
+        ------
+        InputError
+            A track without holds.
+        """
+        if not (track.hold >= 0).any():
+            raise InputError("the recording has no rest: accelerometers have nothing to go by")
+        at = np.flatnonzero(track.hold >= 0)
+        first = np.concatenate([[True], np.diff(track.hold[at]) != 0])
+        begun = track.time[at][np.maximum.accumulate(np.where(first, np.arange(at.size), 0))]
+        number = np.floor((track.time[at] - begun) / _BLOCK + 1e-9)
+        starts = np.flatnonzero(first | np.concatenate([[True], np.diff(number) != 0]))
+        count = np.diff(np.concatenate([starts, [at.size]]))[:, None]
+        time, angles, reading = (
+            np.add.reduceat(values[at], starts, axis=0) / count
+            for values in (track.time[:, None], track.angles, track.reading[:, part.channels])
+        )
+        step = float(np.median(np.diff(track.time)))
+        table = parameters(bench)
+        seen = misalignment(bench, angles)
+        back = np.swapaxes(reference(bench, angles), -1, -2)
+        force = np.array([0.0, 0.0, bench.gravity.value])
+        felt = back @ force
+        made, names = np.zeros((len(starts), 3, len(table))), [q.name for q in seen.parameters]
+        for k, one in enumerate(table):
+            if one.name == "g":
+                made[..., k] = felt / bench.gravity.value
+            elif one.name in names:
+                turned = np.cross(force, seen.by[..., names.index(one.name)])
+                made[..., k] = (back @ turned[..., None])[..., 0]
+        white = part.white / (count * step)
+        return cls(part, bench, table, time[:, 0], reading, white, felt, made)
+
+    def rows(self, theta: Array, q: Mapping[str, float]) -> tuple[Array, Array]:
+        """Return the whitened residual, (3 e,), and Jacobian, (3 e, p + q); arguments as before."""
+        off = np.array([_off(one, q) for one in self.table])
+        motion = Motion(self.felt + self.by @ off)
+        residual, jacobian = vector(self.part.sensor, self.reading, theta, motion, self.by, None)
+        e = len(self.time)
+        made = np.concatenate([residual[:, None], jacobian], axis=1).reshape(e, 3, -1)
+        made = np.ascontiguousarray(made)
+        _kernels.whiten_each(self.time, made, self.white, self.part.drift, model.CORRELATION)
+        flat = made.reshape(3 * e, -1)
+        return flat[:, 0], flat[:, 1:]
