@@ -13,7 +13,6 @@ is of second order but what happens within one epoch.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import radians
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +31,6 @@ from inercal.recording import Track
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-UNDECLARED = radians(1 / 3600)  # sd of a readback beyond its noise: what no parameter holds
 _BLOCK = 1.0  # s of rest that make one mean
 
 
@@ -124,7 +122,7 @@ class Turning:
             if one.name not in ("latency", "clock"):  # the reference has those in it
                 made[:, :, 0] -= made[:, :, 1 + p + k] * _off(one, q)
         _kernels.whiten(
-            since, made, drifting, driven, self.bench.white**2 + UNDECLARED**2, self.part.drift,
+            since, made, drifting, driven, self.bench.white**2, self.part.drift,
             model.CORRELATION, earth, self._lost,
         )  # fmt: skip
         flat = made.reshape(3 * n, -1)
