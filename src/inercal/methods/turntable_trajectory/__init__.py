@@ -32,6 +32,8 @@ from inercal.sensors import Sensor
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
+# Whitening follows the coefficients and sums many increments: a fall of χ² below this says nothing.
+_ROUNDING = 1e-7
 
 
 def trajectory(
@@ -150,10 +152,6 @@ def problem(
         wanted=sensor.coefficients,
         rounding=_ROUNDING,
     )
-
-
-# Whitening follows the coefficients and sums many increments: a fall of χ² below this says nothing.
-_ROUNDING = 1e-7
 
 
 def _parts(
