@@ -1,0 +1,201 @@
+"""How readings fit a turntable's readback as it stands, and with columns or signs exchanged.
+
+All is judged on means of 0.1 s: of the readings, and of the motion that the readback implies there
+(`inercal.benches.turntable_attitude.motion` at the table's nominal values). Three readings y fit a
+motion p as well as an honest sensor may if the cost is small::
+
+    J = min over D, b of  Σ|y − (I + D) p − b|² / (0.05² S) + Σ D² / 0.1²
+
+with S the readings' sum of squares about their mean. Scale factors of 5 % and misalignments of 5°
+come to about 5; any bias is free. An axis reversed or exchanged costs more than a hundred.
+"""
+
+from itertools import permutations, product
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches.turntable import Turntable
+from inercal.benches.turntable_attitude import motion
+from inercal.recording import GAP, Track
+from inercal.sensors import G0, Sensor
+
+Array = NDArray[np.float64]
+SOUND = 30.0
+"""Largest cost of an honest sensor."""
+_BLOCK = 0.1  # s
+_MOST = 4000  # blocks; more tell no more
+_MISFIT, _HONEST = 0.05, 0.1
+_LEAST = {"w": np.radians(1), "f": 0.05 * G0}  # of the readings' changes, rad/s or m/s²
+
+
+class Signed(NamedTuple):
+    """Columns in another order, each with a sign: new[i] = signs[i] · old[order[i]]."""
+
+    order: tuple[int, ...]
+    signs: tuple[int, ...]
+
+    @property
+    def straight(self) -> bool:
+        """Whether all stays as it is."""
+        return self.order == tuple(range(len(self.order))) and min(self.signs) > 0
+
+    def of(self, columns: Array) -> Array:
+        """Return columns (..., k) so exchanged."""
+        return columns[..., list(self.order)] * np.array(self.signs, dtype=float)
+
+    def named(self, names: tuple[str, ...]) -> str:
+        """Return the columns' names in this order with their signs."""
+        each = zip(self.order, self.signs, strict=True)
+        return ", ".join(("−" if sign < 0 else "") + names[k] for k, sign in each)
+
+
+def signed(k: int) -> tuple[Signed, ...]:
+    """Return all orders and signs of k columns, the straight one first."""
+    return tuple(Signed(o, s) for o in permutations(range(k)) for s in product((1, -1), repeat=k))
+
+
+class Blocks(NamedTuple):
+    """Means of 0.1 s: s, rad and rad/s of the k axes, rad/s and m/s² of gyros, accelerometers."""
+
+    time: Array  # (b,)
+    angles: Array  # (b, k)
+    rates: Array  # (b, k)
+    readings: dict[str, Array]  # (b, m) by "f" and "w"
+
+    @property
+    def still(self) -> NDArray[np.bool_]:
+        """Whether the readback stands, (b,): in any unit, each axis against its fastest."""
+        speed = np.abs(self.rates)
+        fastest = np.percentile(speed, 99.5, axis=0)
+        # An axis that never turns only has noise.
+        return np.all(speed <= np.maximum(0.02 * fastest, 1e-3 * fastest.max()), axis=-1)
+
+    def some(self) -> "Blocks":
+        """Return as many blocks as tell enough, all over the run."""
+        at = slice(None, None, -(-self.time.size // _MOST))
+        readings = {kind: y[at] for kind, y in self.readings.items()}
+        return Blocks(self.time[at], self.angles[at], self.rates[at], readings)
+
+
+def blocks_of(track: Track, sensor: Sensor) -> Blocks:
+    """Return the means over one trial's track, (n, m) readings, without those across gaps."""
+    step = float(np.median(np.diff(track.time)))
+    size = max(round(_BLOCK / step), 1)
+    first = np.arange(0, track.time.size - size, size)
+    last = first + size
+    span = track.time[last] - track.time[first]
+    whole = span < (size + GAP - 1) * step
+    turned = (track.angles[last] - track.angles[first]) / span[:, None]
+    mean = np.add.reduceat(track.reading[: last[-1]], first, axis=0) / size
+    readings = {
+        kind: mean[whole][:, [axis.measures == kind for axis in sensor.axes]] for kind in "fw"
+    }
+    middle = (track.angles[first] + track.angles[last]) / 2
+    return Blocks(track.time[first][whole], middle[whole], turned[whole], readings)
+
+
+class Moments(NamedTuple):
+    """Sums of products about the means, of readings y and of what they should be, p: (3, 3)."""
+
+    yy: Array
+    yp: Array
+    pp: Array
+    least: float  # of what p should change by, squared and summed
+
+    def cost(self, way: Signed) -> float:
+        """Return J with the readings exchanged by `way`."""
+        at = list(way.order)
+        yp = self.yp[at] * np.array(way.signs)[:, None]
+        whole = max(float(np.trace(self.yy)), self.least)
+        pull = whole * (_MISFIT / _HONEST) ** 2
+        d = np.linalg.solve(self.pp + pull * np.eye(len(at)), (yp - self.pp).T).T
+        a = d + np.eye(len(at))
+        left = np.trace(self.yy) - 2 * np.sum(a * yp) + np.sum((a @ self.pp) * a)
+        return float(left / whole / _MISFIT**2 + np.sum(d**2) / _HONEST**2)
+
+    def factors(self) -> Array:
+        """Return how many times as much as it should each reading changes, (3,)."""
+        return np.diagonal(self.yp @ np.linalg.pinv(self.pp, rcond=1e-3)).copy()
+
+
+def moments(
+    bench: Turntable, sensor: Sensor, made: Blocks, way: Signed, times: float = 1.0
+) -> dict[str, Moments]:
+    """Return the moments by "f" and "w" of a sensor's triads.
+
+    Parameters
+    ----------
+    bench : Turntable
+    sensor : Sensor
+    made : Blocks
+    way : Signed
+        How the readback's columns are exchanged.
+    times : float
+        What the readback is multiplied by.
+    """
+    angles, rates = times * way.of(made.angles), times * way.of(made.rates)
+    felt = motion(bench, angles, rates, np.zeros_like(rates), {})
+    found: dict[str, Moments] = {}
+    for kind, u in (("f", felt.f), ("w", felt.w)):
+        axes = np.array([axis.i for axis in sensor.axes if axis.measures == kind])
+        if len(axes) != 3:
+            continue
+        y, p = (x - x.mean(axis=0) for x in (made.readings[kind], u @ axes.T))
+        found[kind] = Moments(y.T @ y, y.T @ p, p.T @ p, len(y) * _LEAST[kind] ** 2)
+    return found
+
+
+class Fit(NamedTuple):
+    """Exchanges that make readings and readback agree, and their largest cost."""
+
+    cost: float
+    readback: Signed
+    gyro: Signed
+    accelerometer: Signed
+
+
+def fits(bench: Turntable, sensor: Sensor, made: Blocks) -> tuple[Fit, ...]:
+    """Return the exchanges that explain the readings, the simplest ones alone.
+
+    Simple is: the readback's columns alone, one triad's alone, both triads' alike (the IMU is
+    mounted otherwise); then each triad's own; then all together.
+
+    Parameters
+    ----------
+    bench : Turntable
+    sensor : Sensor
+    made : Blocks
+        Some.
+    """
+    by = {table: moments(bench, sensor, made, table) for table in signed(len(bench.axes))}
+    for found in (_simple(by), [_each(*next(iter(by.items())))]):
+        sound = [fit for fit in found if fit.cost <= SOUND]
+        if sound:
+            return tuple(sorted(sound))
+    every = min(_each(table, of) for table, of in by.items())
+    return (every,) if every.cost <= SOUND else ()
+
+
+def _simple(by: dict[Signed, dict[str, Moments]]) -> list[Fit]:
+    """Return the best of those that exchange the columns of one thing."""
+    ways, (table, of) = signed(3), next(iter(by.items()))
+    straight = ways[0]
+    w, f = ([of[kind].cost(way) if kind in of else 0.0 for way in ways] for kind in "wf")
+    tables = [
+        Fit(max(m.cost(straight) for m in each.values()), one, straight, straight)
+        for one, each in by.items()
+    ]
+    gyros = [Fit(max(w[k], f[0]), table, way, straight) for k, way in enumerate(ways)]
+    forces = [Fit(max(w[0], f[k]), table, straight, way) for k, way in enumerate(ways)]
+    both = [Fit(max(w[k], f[k]), table, way, way) for k, way in enumerate(ways)]
+    return [min(some) for some in (tables, gyros, forces, both)]
+
+
+def _each(table: Signed, of: dict[str, Moments]) -> Fit:
+    """Return the best that exchanges each triad by itself."""
+    straight = Signed((0, 1, 2), (1, 1, 1))
+    best = {kind: min((m.cost(way), way) for way in signed(3)) for kind, m in of.items()}
+    ways = [best[kind][1] if kind in best else straight for kind in "wf"]
+    return Fit(max(cost for cost, _ in best.values()), table, ways[0], ways[1])

@@ -1,0 +1,207 @@
+"""What is wrong with a turntable's recording is named before it is filtered."""
+
+from dataclasses import replace
+from math import degrees, radians
+
+import numpy as np
+import pytest
+from tests.accuracy import turntable as tt
+
+from inercal.benches.turntable import Turntable
+from inercal.errors import InputError
+from inercal.pipeline.table_checks import Columns, require_sound
+from inercal.pipeline.table_fits import Signed, signed
+from inercal.recording import Track
+from inercal.sensors.catalogue import imu
+from inercal.units import Measured
+
+SEEDS = (3, 17)
+SENSOR = imu()
+BENCH = Turntable(Measured(tt.G, 0.0), radians(38))
+UP = {
+    "z up": (0, 0, 0), "y up": (0, 90, 0), "z down": (0, 180, 0), "y down": (0, 270, 0),
+    "x down": (0, 0, 90), "x up": (0, 0, -90),
+}  # fmt: skip
+WARM: tt.Stand = ("warm-up", (0, 0, 0), 120.0)
+DISCRETE: list[tt.Stand | tt.Turn] = [WARM]
+for up, there in UP.items():
+    DISCRETE += [(up, there, 60.0), (f"{up}+", 0, 1080.0, 30.0), (f"{up}-", 0, -1080.0, 30.0)]
+FAST = [WARM, *tt.positions(), *tt.turns(1080, 30, back=True)]
+PATHS = {"paper": tt.whole(), "fast": FAST, "discrete": DISCRETE}
+HZ = 40.0
+
+
+def drawn(path: str, seed: int, trials: int = 1) -> Track:
+    made = tt.draw(seed, trials, PATHS[path], tt.C, hz=HZ)
+    hold = np.full(made.time.size, -1)
+    for k, name in enumerate([n for n in np.unique(made.labels) if n and n[-1] not in "+-"]):
+        hold[made.labels == name] = k
+    return Track(made.time, np.concatenate([made.forces, made.rates], -1), made.angles, hold)
+
+
+def complaint(track: Track) -> str:
+    with pytest.raises(InputError) as caught:
+        require_sound("run.toml", track, SENSOR, BENCH)
+    said = str(caught.value)
+    assert said.startswith("run.toml: ")
+    assert "\n" not in said
+    return said
+
+
+def after(words: str, said: str) -> float:
+    """Return the number that follows some words."""
+    return float(said.split(words)[1].split()[0].rstrip(",;"))
+
+
+def read(track: Track, way: Signed | None, force: Signed | None = None) -> Track:
+    """Return readings whose gyros, or accelerometers, are exchanged."""
+    f, w = track.reading[..., :3], track.reading[..., 3:]
+    f, w = f if force is None else force.of(f), w if way is None else way.of(w)
+    return replace(track, reading=np.concatenate([f, w], -1))
+
+
+def back(way: Signed) -> Signed:
+    """Return what undoes an exchange."""
+    order = tuple(int(k) for k in np.argsort(way.order))
+    return Signed(order, tuple(way.signs[k] for k in order))
+
+
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize("seed", SEEDS)
+def test_ordinary_runs_pass_without_a_finding(path: str, seed: int):
+    assert require_sound("run.toml", drawn(path, seed, trials=8), SENSOR, BENCH) == ()
+
+
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize("seed", SEEDS)
+def test_poor_but_honest_sensors_pass(path: str, seed: int):
+    """Biases 1 °/s and 100 mg, scale factors off 5 %, misalignments of 5°, each of any sign."""
+    track, rng = drawn(path, seed), np.random.default_rng(seed)
+    for _ in range(10):
+        off = rng.choice([-1, 1], (2, 3, 3)) * np.tan(radians(5))
+        off[:, range(3), range(3)] = rng.choice([-1, 1], (2, 3)) * 0.05
+        bias = rng.choice([-1, 1], (2, 3)) * np.array([[0.1 * tt.G], [radians(1)]])
+        parts = [
+            track.reading[0, :, 3 * k : 3 * k + 3] @ (np.eye(3) + off[k]).T + bias[k]
+            for k in range(2)
+        ]
+        poor = Track(track.time, np.concatenate(parts, -1), track.angles[0], track.hold)
+        assert require_sound("run.toml", poor, SENSOR, BENCH) == ()
+
+
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize("seed", SEEDS)
+def test_exchanged_and_reversed_columns_are_named_with_what_fits(path: str, seed: int):
+    track, rng = drawn(path, seed), np.random.default_rng(seed)
+    ways = signed(3)
+    chosen = [ways[k] for k in 1 + rng.choice(len(ways) - 1, 4, replace=False)]
+    for way in (Signed((0, 1, 2), (1, -1, 1)), Signed((1, 0, 2), (1, 1, 1)), *chosen):
+        mend = back(way)
+        said = complaint(replace(track, angles=way.of(track.angles)))
+        assert f"[data] readback = {mend.named(BENCH.names)}" in said
+        said = complaint(read(track, way))
+        assert f"[data] gyro = {mend.named(('gx', 'gy', 'gz'))}" in said
+        said = complaint(read(track, None, way))
+        assert f"[data] accelerometer = {mend.named(('ax', 'ay', 'az'))}" in said
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_an_imu_mounted_otherwise_is_named_by_both_triads(seed: int):
+    way = Signed((1, 0, 2), (1, -1, 1))
+    said = complaint(read(drawn("paper", seed), way, way))
+    assert f"[data] gyro = {back(way).named(('gx', 'gy', 'gz'))} and " in said
+    assert f"[data] accelerometer = {back(way).named(('ax', 'ay', 'az'))}" in said
+
+
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize("seed", SEEDS)
+def test_degrees_for_radians_and_the_reverse_are_told_by_gravity(path: str, seed: int):
+    track = drawn(path, seed)
+    said = complaint(replace(track, angles=np.degrees(track.angles)))
+    assert "[data] readback: it is in °, taken as rad" in said
+    said = complaint(replace(track, angles=np.radians(track.angles)))
+    assert "[data] readback: it is in rad, taken as °" in said
+    gyros = np.repeat([1.0, degrees(1)], 3)
+    said = complaint(replace(track, reading=track.reading * gyros))
+    assert "[data] gyro: it is in °/s, taken as rad/s" in said
+    said = complaint(replace(track, reading=track.reading / gyros))
+    assert "[data] gyro: it is in rad/s, taken as °/s" in said
+
+
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize("seed", SEEDS)
+def test_factors_of_two_are_named_with_whose_they_are(path: str, seed: int):
+    track = drawn(path, seed)
+    said = complaint(replace(track, angles=2 * track.angles))
+    assert after("the gyros read ", said) == pytest.approx(0.5, rel=0.03)
+    assert "[data] readback" in said
+    assert "[data] gyro" not in said
+    for times in (2.0, 0.5):
+        said = complaint(replace(track, reading=track.reading * np.repeat([1, times], 3)))
+        assert "[data] gyro" in said
+        assert "[data] readback" not in said
+        said = complaint(replace(track, reading=track.reading * np.repeat([times, 1], 3)))
+        assert "[data] accelerometer: at rest the readings' norm" in said
+    said = complaint(replace(track, reading=track.reading * np.array([1, 1, 1, 1, 1, 2])))
+    # All turns of "discrete" are about the vertical: only there does no axis turn gz alone.
+    name = ", gz " if path == "discrete" else "implies: outer "
+    assert after(name, said) == pytest.approx(2, rel=0.03)
+    said = complaint(replace(track, reading=track.reading * np.array([2, 1, 1, 1, 1, 1])))
+    assert after("[data] accelerometer: ax ", said) == pytest.approx(2, rel=0.03)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_one_axis_of_the_readback_in_degrees_is_named(seed: int):
+    track = drawn("paper", seed)
+    said = complaint(replace(track, angles=track.angles * np.array([1, degrees(1), 1])))
+    assert "middle 0.017" in said
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_accelerometers_in_g_are_named(seed: int):
+    track = drawn("paper", seed)
+    said = complaint(replace(track, reading=track.reading / np.repeat([tt.G, 1], 3)))
+    assert "0.10" in said
+    assert "[sensor.accelerometer]" in said
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_table_that_never_moved_and_a_frozen_readback_differ(seed: int):
+    track = drawn("paper", seed)
+    frozen = replace(track, angles=np.zeros_like(track.angles))
+    assert "stands still while the gyros turn" in complaint(frozen)
+    assert "never moved" in complaint(track.slice(0, int(100 * HZ)))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_too_few_attitudes_and_turns_are_warned_of(seed: int):
+    track = drawn("paper", seed)
+    end = int(np.flatnonzero(track.hold >= 0)[0] + HZ * 320)  # the third position
+    found = require_sound("run.toml", track.slice(0, end), SENSOR, BENCH)
+    assert [(one.severity, one.what) for one in found] == [
+        ("warning", "attitudes"),
+        ("warning", "turns"),
+    ]
+    assert "3 different directions" in found[0].message
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_gaps_are_counted_and_long_ones_named(seed: int):
+    track = drawn("paper", seed)
+    kept = np.ones(track.time.size, bool)
+    kept[[500, 900, 901]] = False
+    kept[20_000 : 20_000 + int(0.7 * HZ)] = False
+    some = Track(track.time[kept], track.reading[:, kept], track.angles[:, kept], track.hold[kept])
+    note, warning = require_sound("run.toml", some, SENSOR, BENCH)
+    assert note.severity == "note"
+    assert note.message.startswith(f"3 gaps: {3 + int(0.7 * HZ)} samples lost")
+    assert warning.severity == "warning"
+    assert f"after {19_999 / HZ:.6g} s" in warning.message
+
+
+def test_messages_name_the_users_columns():
+    track = drawn("paper", SEEDS[0])
+    columns = Columns(("A1", "A2", "A3"), ("G1", "G2", "G3"), ("Z", "X", "Y"))
+    turned = Signed((0, 1, 2), (1, 1, -1))
+    with pytest.raises(InputError, match="readback = Z, X, −Y"):
+        require_sound("run", replace(track, angles=turned.of(track.angles)), SENSOR, BENCH, columns)
