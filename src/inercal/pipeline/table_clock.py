@@ -1,0 +1,275 @@
+"""Times of an IMU on a turntable: from packet counters, and beside the readback's own clock.
+
+The table's clock says T = o + (1 + d) t when the IMU's says t. Both are found from where rates
+change: each such stretch gives a local offset with its standard deviation
+(`inercal.pipeline.table_rates`), and o and d follow by weighted least squares. A latency of the
+readback is part of o: after `aligned` none is left beyond its standard deviation.
+"""
+# SciPy has no stubs.
+# pyright: reportMissingTypeStubs=false
+
+from dataclasses import dataclass
+from math import sqrt
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicHermiteSpline
+
+from inercal.benches.turntable import Turntable
+from inercal.errors import InputError
+from inercal.pipeline.table_rates import (
+    Offsets,
+    Smooth,
+    of_gyros,
+    of_table,
+    offsets,
+    rough,
+)
+
+Array = NDArray[np.float64]
+FURTHEST = 1.0  # s, of the offset
+FASTEST = 1e-3  # of the relative rate of the clocks
+_GRID = 0.02  # s of the first search
+_MOVING = np.radians(1)  # rad/s
+_PAUSE = 0.5  # s: moves nearer than this are looked at together
+_MARGIN = 0.2  # s beyond what offset and drift may make
+_ROUNDS = 6
+_HUBER = 1.5  # standard deviations beyond which an offset weighs less
+_MIDDLE = 0.6745  # standard deviations: the median of normal sizes
+_ALIKE = 0.2  # of the readings' changes; what is left if they belong together is far less
+_STANDS = np.radians(0.1)  # rad/s
+_BEYOND = 2.0  # s of IMU times before or after the readback's
+
+
+@dataclass(frozen=True, eq=False)
+class Aligned:
+    """The readback at the IMU's times.
+
+    Parameters
+    ----------
+    angles : (n, k) array
+        rad.
+    offset, drift : float
+        o, s, and d, relative: T = o + (1 + d) t.
+    offset_sd, drift_sd, correlation : float
+        Standard deviations, enlarged where the local offsets scatter more than they say, and their
+        correlation.
+    time, local, local_sd : (e,) arrays
+        Local offsets T − t by the stretches where rates change, s, at IMU times.
+    """
+
+    angles: Array
+    offset: float
+    drift: float
+    offset_sd: float
+    drift_sd: float
+    correlation: float
+    time: Array
+    local: Array
+    local_sd: Array
+
+
+def aligned(
+    bench: Turntable, time: Array, rates: Array, table_time: Array, angles: Array
+) -> Aligned:
+    """Return the readback at the IMU's times, found from both rates.
+
+    Parameters
+    ----------
+    bench : Turntable
+    time : (n,) array
+        s, the IMU's.
+    rates : (n, 3) array
+        Gyros' readings, rad/s, rough in bias, scale and misalignment.
+    table_time : (r,) array
+        s, the readback's own clock; offsets within ±1 s and rates within 1000 ppm are found.
+    angles : (r, k) array
+        Readback, rad, counted on over whole turns.
+
+    Returns
+    -------
+    Aligned
+        Angles by cubic interpolation; before the first and after the last reading as these say.
+
+    Raises
+    ------
+    InputError
+        Times that do not grow, fewer than two changes of rate, a readback that ends more than 2 s
+        before the readings, or in a turn, or begins so; or no offset at which both go together.
+    """
+    for name, clock in (("time", time), ("the readback's time", table_time)):
+        if clock.size < 20 or (np.diff(clock) <= 0).any():
+            raise InputError(f"{name} does not grow from sample to sample; look at its column")
+    table, gyros = of_table(bench, table_time, angles), of_gyros(time, rates)
+    late, covariance, found = _refined(table, gyros, _search(table, gyros))
+    said = np.asarray(time + late[1] + late[0] * time, dtype=float)
+    if said[0] < table_time[0] - _BEYOND or said[-1] > table_time[-1] + _BEYOND:
+        raise InputError(
+            f"the readback runs from {table_time[0]:.6g} s to {table_time[-1]:.6g} s of its clock, "
+            f"the readings from {said[0]:.6g} s to {said[-1]:.6g} s of it; cut the readings"
+        )
+    for end, beyond in ((0, said[0] < table_time[0]), (-1, said[-1] > table_time[-1])):
+        if beyond and np.linalg.norm(table.rate[end]) > _STANDS:
+            raise InputError(
+                f"the readback {'begins' if end == 0 else 'ends'} while the table turns and has "
+                "nothing for the readings beyond; cut the readings"
+            )
+    drift_sd, offset_sd = sqrt(covariance[0, 0]), sqrt(covariance[1, 1])
+    return Aligned(
+        _interpolated(table_time, angles, said),
+        float(late[1]),
+        float(late[0]),
+        offset_sd,
+        drift_sd,
+        float(covariance[0, 1]) / (offset_sd * drift_sd),
+        found.time,
+        found.value,
+        found.sd,
+    )
+
+
+def _refined(table: Smooth, gyros: Smooth, late: Array) -> tuple[Array, Array, Offsets]:
+    """Return drift and offset, (2,), their covariance, and the local offsets T − t."""
+    for _ in range(_ROUNDS - 1):
+        late = _line(_local(table, gyros, late)[0])[0]
+    found, left = _local(table, gyros, late)
+    swing = float(np.std(gyros.rate - gyros.rate.mean(axis=0)))
+    if left > _ALIKE * swing:
+        raise InputError(
+            "the readback's clock: at no offset within ±1 s do readback and gyros turn alike; do "
+            "both belong to one run, and is time in s?"
+        )
+    return (*_line(found), found)
+
+
+def _local(table: Smooth, gyros: Smooth, late: Array) -> tuple[Offsets, float]:
+    """Return local offsets T − t about a line, and what rates beyond them are, rad/s."""
+    said = np.asarray(gyros.time + late[1] + late[0] * gyros.time)
+    here = _at(table, said)
+    known = rough(gyros.rate[here.whole], here.rate[here.whole])
+    found = offsets(here, gyros, known)
+    if len(found.time) < 2:
+        raise InputError(
+            "the readback's clock: fewer than two changes of rate; its offset and rate against "
+            "the sensor's clock take moves at the beginning and at the end of a run"
+        )
+    time = (found.time - late[1]) / (1 + late[0])  # from the table's clock to the IMU's
+    value = found.value + late[1] + late[0] * time
+    return Offsets(time, value, found.sd, found.spans), known.sd
+
+
+def _interpolated(table_time: Array, angles: Array, said: Array) -> Array:
+    """Return angles by Hermite's cubics with slopes of central differences."""
+    slopes = np.gradient(angles, table_time, axis=0)
+    within = np.clip(said, table_time[0], table_time[-1])
+    return np.asarray(CubicHermiteSpline(table_time, angles, slopes)(within))
+
+
+def _at(table: Smooth, said: Array) -> Smooth:
+    """Return the readback's rates at times of its clock."""
+    rate, change = np.empty((said.size, 3)), np.empty((said.size, 3))
+    for k in range(3):
+        rate[:, k] = np.interp(said, table.time, table.rate[:, k])
+        change[:, k] = np.interp(said, table.time, table.change[:, k])
+    whole = np.interp(said, table.time, table.whole) > 0.999
+    whole &= (said >= table.time[0]) & (said <= table.time[-1])
+    return Smooth(said, rate, change, whole)
+
+
+def _search(table: Smooth, gyros: Smooth) -> Array:
+    """Return drift and offset, (2,), from the speeds of each move; good to some 10 ms."""
+    speed = np.linalg.norm(table.rate, axis=-1)
+    size = np.linalg.norm(gyros.rate - np.median(gyros.rate, axis=0), axis=-1)
+    at = np.flatnonzero(speed > _MOVING)
+    if not at.size:
+        raise InputError("the readback's clock: the table never turned; nothing tells its offset")
+    cut = np.flatnonzero(np.diff(table.time[at]) > _PAUSE)
+    moves = zip(
+        table.time[np.concatenate([at[:1], at[cut + 1]])],
+        table.time[np.concatenate([at[cut], at[-1:]])],
+        strict=True,
+    )
+    middles, lates = [0.0], [0.0]
+    reach = FURTHEST + _MARGIN
+    for k, (first, last) in enumerate(moves):
+        middle = (first + last) / 2
+        reach = (FURTHEST if k == 0 else 0.0) + _MARGIN + 2 * FASTEST * (middle - middles[-1])
+        t = np.arange(first - _PAUSE, last + _PAUSE, _GRID)
+        seen = np.asarray(np.interp(t, table.time, speed), dtype=float)
+        tried = lates[-1] + np.arange(-reach, reach + _GRID, _GRID)
+        miss = [_miss(gyros.time, size, t - late, seen) for late in tried.tolist()]
+        middles.append(middle)
+        lates.append(float(tried[np.argmin(miss)]))
+    if len(middles) < 4:
+        return np.array([0.0, np.median(lates[1:])])
+    line = np.polyfit(np.array(middles[1:]) - np.array(lates[1:]), lates[1:], 1)
+    return np.asarray(line, dtype=float)
+
+
+def _miss(time: Array, size: Array, at: Array, seen: Array) -> float:
+    """Return how far a signal at some times is from one seen there."""
+    return float(np.linalg.norm(np.interp(at, time, size) - seen))
+
+
+def _line(found: Offsets) -> tuple[Array, Array]:
+    """Return slope and value at zero, (2,), and their covariance, enlarged by what scatters.
+
+    Offsets that stand alone, as a lost sample makes them, are weighed down (Huber).
+    """
+    whole = np.stack([found.time, np.ones_like(found.time)], axis=-1)
+    sd, line, covariance = found.sd, np.zeros(2), np.eye(2)
+    for _ in range(_ROUNDS):
+        design = whole / sd[:, None]
+        covariance = np.asarray(np.linalg.inv(design.T @ design), dtype=float)
+        line = covariance @ design.T @ (found.value / sd)
+        left = np.abs(found.value - whole @ line) / found.sd
+        usual = max(float(np.median(left)) / _MIDDLE, 1.0)
+        sd = found.sd * np.maximum(left / (_HUBER * usual), 1.0) ** 0.5
+    excess = float(np.sum(((found.value - whole @ line) / sd) ** 2)) / max(found.time.size - 2, 1)
+    return line, covariance * max(excess, 1.0)
+
+
+def from_counter(counter: ArrayLike, modulus: int, rate_hz: float) -> Array:
+    """Return the samples' times by their packets' counter: lost packets become gaps in time.
+
+    Parameters
+    ----------
+    counter : (n,) array of int
+        0 to modulus − 1, one more with each packet sent.
+    modulus : int
+        After so many it begins at 0 again; 3 or more. A loss of half of it or more in one stretch
+        cannot be told.
+    rate_hz : float
+
+    Returns
+    -------
+    (n,) array
+        s, from 0 on.
+
+    Raises
+    ------
+    InputError
+        No whole numbers below the modulus, a packet twice or one that is late.
+
+    >>> from_counter([254, 255, 0, 3], 256, 100.0).tolist()
+    [0.0, 0.01, 0.02, 0.05]
+    """
+    read = np.asarray(counter, dtype=float)
+    if modulus < 3 or not rate_hz > 0:
+        raise InputError(f"counter: modulus {modulus} and rate {rate_hz:g} Hz; give 3 or more, > 0")
+    off = np.flatnonzero(~((read >= 0) & (read < modulus) & (read == np.round(read))))
+    if off.size:
+        raise InputError(
+            f"counter: sample {off[0]} has {read[off[0]]:g}; it counts in whole numbers from 0 to "
+            f"{modulus - 1}"
+        )
+    step = np.diff(read) % modulus
+    bad = np.flatnonzero((step == 0) | (2 * step >= modulus))
+    if bad.size:
+        k = int(bad[0])
+        what = "comes twice" if step[k] == 0 else f"follows {read[k]:g}: packets out of order"
+        raise InputError(
+            f"counter: {read[k + 1]:g} at sample {k + 1} {what}, or {modulus // 2} packets or more "
+            f"were lost there ({bad.size} such places); take repeated ones out and sort late ones"
+        )
+    return np.concatenate([[0.0], np.cumsum(step)]) / rate_hz

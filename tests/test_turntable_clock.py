@@ -1,0 +1,225 @@
+"""Times on a turntable: counters, a readback with its own clock, samples lost unnoticed."""
+
+from dataclasses import replace
+from functools import cache
+from math import radians
+
+import numpy as np
+import pytest
+from tests.accuracy import turntable as tt
+
+from inercal.benches.turntable import Turntable
+from inercal.errors import InputError
+from inercal.pipeline.table_clock import aligned, from_counter
+from inercal.pipeline.table_slips import slipped, slips
+from inercal.recording import Track
+from inercal.sensors.catalogue import imu
+from inercal.units import Measured
+
+SEEDS = (5, 23)
+SENSOR = imu()
+BENCH = Turntable(Measured(tt.G, 0.0), radians(38))
+START: tt.Stand = ("warm-up", (0, 0, 0), 30.0)
+SLOW = [START, *tt.positions(10), *tt.turns()]
+FAST = [START, *tt.positions(10), *tt.turns(1080, 30, back=True)]
+PATHS = {"slow": SLOW, "fast": FAST}
+HZ = 100.0
+LATE = tt.Table().latency
+DENSE = 10
+EXACT = replace(tt.Table(), harmonics=(0.0, 0.0), white=0.0, latency=0.0)
+
+
+@cache
+def drawn(path: str, seed: int, trials: int = 1) -> tt.Draw:
+    return tt.draw(seed, trials, PATHS[path], tt.T)
+
+
+@cache
+def dense(path: str, seed: int) -> tt.Draw:
+    """Return a run ten times as dense as its readings, whose noise is of their rate."""
+    grade = replace(tt.T, arw=tt.T.arw / np.sqrt(DENSE))
+    return tt.draw(seed, 1, PATHS[path], grade, EXACT, hz=DENSE * HZ)
+
+
+def track(made: tt.Draw, trial: int = 0) -> Track:
+    reading = np.concatenate([made.forces[trial], made.rates[trial]], -1)
+    return Track(made.time, reading, made.angles[trial], np.zeros(made.time.size, int))
+
+
+def without(one: Track, sample: int, *, readback: bool) -> Track:
+    """Lose a sample unnoticed, with its readback or with a readback on its own clock."""
+    kept = np.arange(one.time.size) != sample
+    angles = one.angles[kept] if readback else one.angles[:-1]
+    return Track(one.time[:-1], one.reading[kept], angles, one.hold[:-1])
+
+
+def speed(made: tt.Draw) -> np.ndarray:
+    """Return the table's rate, °/s."""
+    return np.degrees(np.linalg.norm(np.gradient(made.true, made.time, axis=0), axis=-1))
+
+
+def places(made: tt.Draw, where: str) -> np.ndarray:
+    """Return samples in steady turns, where rates change, or at rest between two turns."""
+    size = speed(made)
+    change = np.abs(np.gradient(size, made.time))
+    moving = np.flatnonzero(size > 0.5)
+    inner = np.arange(size.size)
+    inner = (inner > moving[0] + 100) & (inner < moving[-1] - 100)
+    told = {
+        "turn": (size > 5) & (change < 0.1),
+        "change": (change > 5) & (size > 2),
+        "rest": (size == 0) & (change == 0),
+    }
+    return np.flatnonzero(told[where] & inner)
+
+
+def own_clock(made: tt.Draw, offset: float, drift: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return stamps and readback at 100 Hz of a table's clock T = o + (1 + d) t."""
+    rng = np.random.default_rng(1)
+    stamps = np.arange(-0.5, made.time[-1] * (1 + drift) + offset, 1 / HZ)
+    t = (stamps - offset) / (1 + drift)
+    angles = np.stack([np.interp(t, made.time, one) for one in made.true.T], -1)
+    return stamps, angles + tt.Table().white * rng.standard_normal(angles.shape)
+
+
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize(("offset", "drift"), [(0.95, 1e-3), (-0.95, -1e-3), (0.0137, 2e-5)])
+def test_offset_and_rate_of_the_tables_clock_are_found_within_their_deviations(
+    path: str, seed: int, offset: float, drift: float
+):
+    made = dense(path, seed)
+    time, rates = made.time[::DENSE], made.rates[0, ::DENSE]
+    found = aligned(BENCH, time, rates, *own_clock(made, offset, drift))
+    assert abs(found.offset - offset) < 3 * found.offset_sd < 150e-6
+    assert abs(found.drift - drift) < 3 * found.drift_sd < 1.5e-6
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_interpolation_of_the_readback_errs_by_less_than_half_an_arcsecond(seed: int):
+    """Beyond what the offset found makes, and the readback's own noise: .5″."""
+    made = dense("fast", seed)
+    time, rates = made.time[::DENSE], made.rates[0, ::DENSE]
+    found = aligned(BENCH, time, rates, *own_clock(made, 0.314, 2e-4))
+    off = found.offset - 0.314 + (found.drift - 2e-4) * time
+    rate = np.gradient(made.true, made.time, axis=0)[::DENSE]
+    error = found.angles - made.true[::DENSE] - rate * off[:, None]
+    turning = speed(made)[::DENSE] > 0
+    assert np.sqrt(np.mean(error[turning] ** 2)) < np.hypot(tt.Table().white, 0.3 * tt.ARCSEC)
+    assert np.abs(error).max() < 5 * tt.Table().white + 0.5 * tt.ARCSEC
+
+
+def test_a_readback_of_another_run_is_refused():
+    made, other = dense("slow", SEEDS[0]), dense("fast", SEEDS[0])
+    stamps, angles = own_clock(other, 0.0, 0.0)
+    with pytest.raises(InputError, match=r"readback|offset"):
+        aligned(BENCH, made.time[::DENSE], made.rates[0, ::DENSE], stamps, angles)
+
+
+def test_a_readback_that_ends_in_a_turn_is_refused():
+    made = dense("slow", SEEDS[0])
+    stamps, angles = own_clock(made, 0.3, 0.0)
+    end = np.searchsorted(stamps, made.time[places(made, "turn")[-1]])
+    keep = made.time[::DENSE] < stamps[end] + 1.0
+    rates = made.rates[0, ::DENSE][keep]
+    with pytest.raises(InputError, match="ends while the table turns"):
+        aligned(BENCH, made.time[::DENSE][keep], rates, stamps[:end], angles[:end])
+
+
+def test_a_table_that_never_turned_has_no_offset():
+    made = dense("slow", SEEDS[0])
+    time = made.time[: int(20 * DENSE * HZ) : DENSE]
+    rates = made.rates[0, : int(20 * DENSE * HZ) : DENSE]
+    with pytest.raises(InputError, match="never turned"):
+        aligned(BENCH, time, rates, time, np.zeros((time.size, 3)))
+
+
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize("seed", SEEDS)
+def test_runs_that_lost_nothing_raise_no_alarm(path: str, seed: int):
+    made = drawn(path, seed, 5)
+    for trial in range(5):
+        assert slipped(track(made, trial), SENSOR, BENCH) == ()
+
+
+@pytest.mark.parametrize("where", ["turn", "change"])
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize("seed", SEEDS)
+def test_one_row_lost_while_turning_is_found_where_it_is(path: str, seed: int, where: str):
+    made, rng = drawn(path, seed), np.random.default_rng(seed)
+    for sample in rng.choice(places(made, where), 6).tolist():
+        (slip,) = slips(without(track(made), sample, readback=True), SENSOR, BENCH)
+        assert (slip.first, slip.last, round(slip.samples), slip.row) == (
+            sample - 1, sample, 1, True,
+        )  # fmt: skip
+
+
+@pytest.mark.parametrize("where", ["turn", "change", "rest"])
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize("seed", SEEDS)
+def test_one_sample_of_the_sensor_alone_is_found_between_changes_of_rate(
+    path: str, seed: int, where: str
+):
+    made, rng = drawn(path, seed), np.random.default_rng(seed)
+    for sample in rng.choice(places(made, where), 6).tolist():
+        (slip,) = slips(without(track(made), sample, readback=False), SENSOR, BENCH)
+        assert not slip.row
+        assert slip.first - 3 <= sample <= slip.last + 3
+        # A loss within a change spoils the offset of that change itself.
+        assert slip.samples == pytest.approx(1, abs=0.4 if where == "change" else 0.1)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_row_lost_at_rest_does_not_show(seed: int):
+    made = drawn("slow", seed)
+    sample = int(np.random.default_rng(seed).choice(places(made, "rest")))
+    assert slips(without(track(made), sample, readback=True), SENSOR, BENCH) == ()
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_several_rows_and_a_repeated_one_are_counted(seed: int):
+    made = drawn("slow", seed)
+    one, (first, second) = track(made), places(made, "turn")[[500, -500]].tolist()
+    rows = np.r_[:first, first + 3 : second, second, second : one.time.size]
+    size = rows.size
+    odd = Track(one.time[:size], one.reading[rows], one.angles[rows], one.hold[:size])
+    found = slipped(odd, SENSOR, BENCH)
+    assert [finding.severity for finding in found] == ["warning"] * 2
+    assert found[0].message.startswith(f"3 samples lost unnoticed at {(first - 1) / HZ:.6g} s")
+    assert found[1].message.startswith("1 sample too many")
+
+
+def test_a_gap_in_time_is_no_slip():
+    made = drawn("slow", SEEDS[0])
+    one, sample = track(made), int(places(made, "turn")[700])
+    kept = np.arange(one.time.size) != sample
+    noticed = Track(one.time[kept], one.reading[kept], one.angles[kept], one.hold[kept])
+    assert slips(noticed, SENSOR, BENCH) == ()
+
+
+def test_times_from_a_counter_have_gaps_where_packets_are_lost():
+    sent = np.arange(5000)
+    kept = np.random.default_rng(2).random(sent.size) > 0.05
+    kept[0] = True
+    for modulus in (16, 256, 65536):
+        times = from_counter(sent[kept] % modulus, modulus, 200.0)
+        np.testing.assert_allclose(times, sent[kept] / 200.0, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("counter", "modulus", "said"),
+    [
+        ([0, 1, 1, 2], 256, "1 at sample 2 comes twice"),
+        ([0, 1, 3, 2, 4], 256, "2 at sample 3 follows 3: packets out of order"),
+        ([0, 1, 256], 256, "sample 2 has 256"),
+        ([0, 1.5], 256, "sample 1 has 1.5"),
+        ([0, float("nan")], 256, "sample 1 has nan"),
+        ([0, 1], 2, "give 3 or more"),
+    ],
+)
+def test_counters_that_cannot_be_are_refused_in_one_line(
+    counter: list[float], modulus: int, said: str
+):
+    with pytest.raises(InputError, match=said) as caught:
+        from_counter(counter, modulus, 100.0)
+    assert "\n" not in str(caught.value)
