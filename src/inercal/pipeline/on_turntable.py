@@ -17,7 +17,7 @@ from inercal.pipeline.inputs import (
     readback_units,
     require_own_columns,
 )
-from inercal.pipeline.table_labels import labelled
+from inercal.pipeline.turntable_labels import labelled
 from inercal.plan import Position, Rotation, TableStep
 from inercal.recording import Finding, Mark, Recording, Track
 from inercal.runfile import Run
