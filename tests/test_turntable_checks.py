@@ -32,7 +32,7 @@ HZ = 40.0
 
 
 def drawn(path: str, seed: int, trials: int = 1) -> Track:
-    made = tt.draw(seed, trials, PATHS[path], tt.C, hz=HZ)
+    made = tt.draw(seed, trials, PATHS[path], tt.GRADES["C"], hz=HZ)
     hold = np.full(made.time.size, -1)
     for k, name in enumerate([n for n in np.unique(made.labels) if n and n[-1] not in "+-"]):
         hold[made.labels == name] = k
@@ -98,7 +98,7 @@ def test_exchanged_and_reversed_columns_are_named_with_what_fits(path: str, seed
     for way in (Signed((0, 1, 2), (1, -1, 1)), Signed((1, 0, 2), (1, 1, 1)), *chosen):
         mend = back(way)
         said = complaint(replace(track, angles=way.of(track.angles)))
-        assert f"[data] readback = {mend.named(BENCH.names)}" in said
+        assert f"[data] table = {mend.named(BENCH.names)}" in said
         said = complaint(read(track, way))
         assert f"[data] gyro = {mend.named(('gx', 'gy', 'gz'))}" in said
         said = complaint(read(track, None, way))
@@ -118,9 +118,9 @@ def test_an_imu_mounted_otherwise_is_named_by_both_triads(seed: int):
 def test_degrees_for_radians_and_the_reverse_are_told_by_gravity(path: str, seed: int):
     track = drawn(path, seed)
     said = complaint(replace(track, angles=np.degrees(track.angles)))
-    assert "[data] readback: it is in °, taken as rad" in said
+    assert "[data] table: it is in °, taken as rad" in said
     said = complaint(replace(track, angles=np.radians(track.angles)))
-    assert "[data] readback: it is in rad, taken as °" in said
+    assert "[data] table: it is in rad, taken as °" in said
     gyros = np.repeat([1.0, degrees(1)], 3)
     said = complaint(replace(track, reading=track.reading * gyros))
     assert "[data] gyro: it is in °/s, taken as rad/s" in said
@@ -134,12 +134,12 @@ def test_factors_of_two_are_named_with_whose_they_are(path: str, seed: int):
     track = drawn(path, seed)
     said = complaint(replace(track, angles=2 * track.angles))
     assert after("the gyros read ", said) == pytest.approx(0.5, rel=0.03)
-    assert "[data] readback" in said
+    assert "[data] table" in said
     assert "[data] gyro" not in said
     for times in (2.0, 0.5):
         said = complaint(replace(track, reading=track.reading * np.repeat([1, times], 3)))
         assert "[data] gyro" in said
-        assert "[data] readback" not in said
+        assert "[data] table" not in said
         said = complaint(replace(track, reading=track.reading * np.repeat([times, 1], 3)))
         assert "[data] accelerometer: at rest the readings' norm" in said
     said = complaint(replace(track, reading=track.reading * np.array([1, 1, 1, 1, 1, 2])))

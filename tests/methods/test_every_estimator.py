@@ -80,14 +80,15 @@ def followed(
     hold = np.where(np.isin(section, held), section, -1)
     made = on_turntable(bench, angles, rates[0], rates[1], {})
     reading = sensor.forward(made, c)
-    m = len(sensor.axes)
+    m, labels = len(sensor.axes), [step.label for step in steps]
+    at = [np.flatnonzero(section == way.labels.index(label)) for label in labels]
     return Observations(
-        ("all",),
-        reading.mean(axis=0)[None],
-        1e-10 * np.eye(m)[None],
-        time[-1:],
-        np.array([time.size]),
-        time[-1:] / 2,
+        tuple(labels),
+        np.array([reading[rows].mean(axis=0) for rows in at]),
+        np.tile(1e-10 * np.eye(m), (len(labels), 1, 1)),
+        np.array([rows.size / 100 for rows in at]),
+        np.array([rows.size for rows in at]),
+        np.array([time[rows].mean() for rows in at]),
         sensor.channels,
         track=Track(time, reading, angles, hold),
     )

@@ -120,8 +120,8 @@ def test_drift_as_a_walk_grows_with_time():
 
 
 def test_positions_alone_leave_scale_and_misalignment_of_gyros_open():
-    made = sensor(made_by.C)
-    draw = made_by.draw(7, 1, discrete(), made_by.C, hz=25.0)
+    made = sensor(made_by.GRADES["C"])
+    draw = made_by.draw(7, 1, discrete(), made_by.GRADES["C"], hz=25.0)
     seen = rows(draw, made, lambda name: name[-1] in "pa")
     with pytest.raises(NotObserved, match=r"gx\.scale") as refused:
         least_squares(seen, made, BENCH, steps(discrete(), seen.labels))

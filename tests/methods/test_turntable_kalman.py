@@ -3,6 +3,7 @@
 from dataclasses import replace
 from itertools import pairwise
 from math import radians
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ from tests.methods.turntable_cases import (
 )
 
 from inercal.errors import InputError, NotObserved
-from inercal.estimate import Gaussian
+from inercal.estimate import Gaussian, NullDirection
 from inercal.methods.turntable_kalman import METHOD, model
 from inercal.methods.turntable_kalman.accelerometers import Accelerometers
 from inercal.methods.turntable_kalman.gyros import Gyros
@@ -59,7 +60,9 @@ def test_gyros_filter_is_the_notes(made: turntable.Draw, states: int, chosen: bo
 
 
 @pytest.mark.parametrize(("states", "held"), [(18, "exact"), (25, "lean")])
-def test_accelerometers_filter_is_the_notes(made: turntable.Draw, states: int, held: str):
+def test_accelerometers_filter_is_the_notes(
+    made: turntable.Draw, states: int, held: Literal["exact", "lean"]
+):
     dense = dense_accelerometer(made, states)
     # The note's 3.5″ of each hold by right angles alone would differ between holds: no harmonics,
     # and both leans and right angles as large as give it.
@@ -86,24 +89,24 @@ class _Alike(Accelerometers):
         return np.full((len(angles), 2), HELD**2)
 
 
-def test_a_recording_in_pieces_is_the_whole_to_the_last_bit(made: turntable.Draw):
+@pytest.mark.parametrize("kind", [Gyros, Accelerometers])
+def test_a_recording_in_pieces_is_the_whole_to_the_last_bit(
+    made: turntable.Draw, kind: type[Gyros] | type[Accelerometers]
+):
     one = track(made).trial(0)
     cuts = np.sort(np.random.default_rng(3).choice(one.time.size - 1, 40, replace=False) + 1)
-    ends = [0, *cuts.tolist(), one.time.size]
-    for ours in (Gyros.of(sensor(), bench(), one), Accelerometers.of(sensor(), bench(), one)):
-        whole, course = ours.step(ours.start(one), one)
-        state, courses = ours.start(one), []
-        for start, stop in pairwise(ends):
-            state, part = ours.step(state, one.slice(start, stop))
-            courses.append(part)
-        assert np.array_equal(state.theta, whole.theta)
-        assert np.array_equal(state.p, whole.p)
-        assert state.nis == pytest.approx(whole.nis, rel=1e-12)
-        joined = courses[0]
-        for part in courses[1:]:
-            joined = joined.joined(part)
-        assert np.array_equal(joined.value, course.value)
-        assert np.array_equal(joined.time, course.time)
+    ours: Any = kind.of(sensor(), bench(), one)
+    whole, course = ours.step(ours.start(one), one)
+    state, joined = ours.start(one), None
+    for start, stop in pairwise([0, *cuts.tolist(), one.time.size]):
+        state, part = ours.step(state, one.slice(start, stop))
+        joined = part if joined is None else joined.joined(part)
+    assert np.array_equal(state.theta, whole.theta)
+    assert np.array_equal(state.p, whole.p)
+    assert state.nis == pytest.approx(whole.nis, rel=1e-12)
+    assert joined is not None
+    assert np.array_equal(joined.value, course.value)
+    assert np.array_equal(joined.time, course.time)
 
 
 def test_both_filters_make_one_estimate_in_the_sensors_order(made: turntable.Draw):
@@ -149,7 +152,7 @@ def test_attitudes_at_the_ends_of_turns_alone_leave_six_of_twelve():
     assert all(name.split(".")[1].startswith("delta") for one in free for name in _large(one))
 
 
-def _large(direction) -> list[str]:
+def _large(direction: NullDirection) -> list[str]:
     return [name for name, weight in direction.weights.items() if abs(weight) > 0.05]
 
 

@@ -27,6 +27,7 @@ from inercal.recording import Track
 
 Array = NDArray[np.float64]
 Run = Callable[[turntable.Draw, Track, turntable.Grade], tuple[Array, Array]]
+Path = list[turntable.Stand | turntable.Turn]
 DEVICES = 100
 SEEDS = (1, 2, 3)
 
@@ -38,11 +39,19 @@ class AsInTheNote(Accelerometers):
         return np.full((len(angles), 2), (3.5 * ARCSEC) ** 2)
 
 
-def gyros(*, own: bool = False, readback: float = 4 * ARCSEC, **chosen: bool) -> Run:
+def gyros(
+    *,
+    own: bool = False,
+    drifting: bool = True,
+    table: bool = True,
+    readback: float = 4 * ARCSEC,
+) -> Run:
     """Return a run of the gyros' filter, over its own part of the recording or the whole."""
 
     def run(made: turntable.Draw, one: Track, grade: turntable.Grade) -> tuple[Array, Array]:
-        ours = Gyros.of(sensor(grade), bench(), one, readback=readback, **chosen)
+        ours = Gyros.of(
+            sensor(grade), bench(), one, drifting=drifting, table=table, readback=readback
+        )
         first = int(np.flatnonzero(made.labels == "home")[0]) if own else 0
         piece = one.slice(first, one.time.size)
         state, _ = ours.step(ours.start(piece), piece)
@@ -65,9 +74,9 @@ def accelerometers(kind: type[Accelerometers], table: str, readback: float) -> R
 
 
 def scores(
-    seed: int, path: list, runs: dict[str, Run], grade: turntable.Grade = turntable.T
+    seed: int, path: Path, runs: dict[str, Run], grade: turntable.Grade = turntable.T
 ) -> dict[str, Score]:
-    """Return the score of each run over the devices of a seed; names of gyros' runs begin with g."""
+    """Return the score of each run over a seed's devices; names of gyros' runs begin with g."""
     found: dict[str, list[tuple[Array, Array, Array]]] = {name: [] for name in runs}
     for batch in range(DEVICES // 10):
         made = turntable.draw(1000 * seed + batch, 10, path, grade)
@@ -171,7 +180,7 @@ def test_g_sensitivity_as_a_state_costs_little():
         whole, chosen = track(made), sensor(turntable.T, "g")
         for k in range(10):
             ours = Gyros.of(chosen, bench(), whole.trial(k), table=False)
-            state, _ = ours.step(ours.start(whole), whole.trial(k))
+            state, _ = ours.step(ours.start(whole.trial(k)), whole.trial(k))
             names = ours.part.sensor.coefficients
             at = [names.index(name) for name in sensor().only("w").coefficients]
             p = state.p[3:, 3:]

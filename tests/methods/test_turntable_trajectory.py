@@ -249,7 +249,7 @@ def _on_papers_path(estimator: str, seeds: int, base: int) -> Score:
 @pytest.mark.slow
 @pytest.mark.parametrize("base", [1, 2, 3])
 def test_nineteen_states_on_the_papers_path_are_within_5_percent_of_the_batch(base: int):
-    batch, filtered = (_on_papers_path(name, 60, base) for name in ("", "drift"))
+    batch, filtered = (_on_papers_path(name, 24, base) for name in ("", "drift"))
     assert 0.85 < batch.nees < 1.2
     ratio = np.array(filtered[:3]) / np.array(batch[:3])
     assert (np.abs(ratio - 1) < 0.05).all(), ratio
@@ -261,7 +261,7 @@ def test_nineteen_states_on_the_papers_path_are_within_5_percent_of_the_batch(ba
 @pytest.mark.parametrize("base", [1, 2, 3])
 def test_on_the_whole_recording_errors_are_those_of_the_note_and_as_stated(base: int):
     made, off, stated = sensor(), list[Array](), list[Array]()
-    for k in range(0, 60, 2):
+    for k in range(0, 20, 2):
         draw = made_by.draw(1000 * base + k, 2, made_by.whole(), hz=50.0)
         one = errors(trajectory(observations(draw, made), made, BENCH, ()), draw, made)
         off.append(one[0])

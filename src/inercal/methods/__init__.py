@@ -13,7 +13,9 @@ from inercal.methods import (
     ship_planar,
     six_position,
     tumble,
+    turntable_discrete,
     turntable_kalman,
+    turntable_trajectory,
 )
 from inercal.methods._base import Method
 
@@ -29,6 +31,8 @@ METHODS: Mapping[str, Method[Any, Any]] = {
         ship_planar,
         ship_multi_angle,
         turntable_kalman,
+        turntable_discrete,
+        turntable_trajectory,
     )
 }
 

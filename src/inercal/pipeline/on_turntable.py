@@ -12,12 +12,15 @@ from inercal.benches import Turntable
 from inercal.errors import InputError
 from inercal.pipeline.inputs import (
     Gathered,
+    columns,
     load_recording,
     readback_columns,
     readback_units,
     require_own_columns,
 )
+from inercal.pipeline.turntable_checks import Columns, require_sound
 from inercal.pipeline.turntable_labels import labelled
+from inercal.pipeline.turntable_slips import slipped
 from inercal.plan import Position, Rotation, TableStep
 from inercal.recording import Finding, Mark, Recording, Track
 from inercal.runfile import Run
@@ -44,10 +47,10 @@ def gather(run: Run, bench: Turntable) -> Gathered:
     angles = np.stack([recording.readback[name] for name in bench.names], axis=-1)
     holds = find_holds(recording.time, angles, recording.labels, _settling(bench))
     if not len(holds):
-        columns = ", ".join(readback_columns(run).values())
+        named = ", ".join(readback_columns(run).values())
         raise InputError(
             f"{recording.source}: by its readback the table rests nowhere for a second: look at "
-            f"[data] table, which is {columns}"
+            f"[data] table, which is {named}"
         )
     track = _track(run, recording, angles, holds)
     findings = (*recording.findings, *_checked(run, track, bench))
@@ -66,11 +69,18 @@ def gather(run: Run, bench: Turntable) -> Gathered:
 
 
 def _checked(run: Run, track: Track, bench: Turntable) -> tuple[Finding, ...]:
-    """Return what checks of the track notice, before filters follow it.
-
-    The place for checks of columns, units, senses of axes and clocks; there are none yet.
-    """
-    return ()
+    """Return what checks of the track notice, before filters follow it."""
+    named = {axis: str(column) for axis, column, _ in columns(run).channels}
+    kinds = {
+        kind: tuple(named[axis.name] for axis in run.sensor.axes if axis.measures == kind)
+        for kind in ("f", "w")
+    }
+    told = Columns(kinds["f"], kinds["w"], tuple(readback_columns(run).values()))
+    where = str(run.path)
+    return (
+        *require_sound(where, track, run.sensor, bench, told),
+        *slipped(track, run.sensor, bench),
+    )
 
 
 def _require_track(run: Run) -> None:
@@ -107,8 +117,8 @@ def _track(run: Run, recording: Recording, angles: Array, holds: Indices) -> Tra
     number = np.full(recording.time.size, -1, dtype=np.int64)
     for k, (start, stop) in enumerate(holds.tolist()):
         number[start:stop] = k
-    columns = [recording.channels.index(name) for name in run.sensor.channels]
-    reading = run.sensor.to_si(recording.data[:, columns])
+    places = [recording.channels.index(name) for name in run.sensor.channels]
+    reading = run.sensor.to_si(recording.data[:, places])
     return Track(recording.time, reading, angles, number)
 
 

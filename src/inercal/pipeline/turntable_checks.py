@@ -142,7 +142,7 @@ def _require_sizes(
     said = f"{where}: the gyros read {times:.4g} times the rate that the readback implies"
     gyros, readback = _unit(times, "°/s", "rad/s"), _unit(1 / times, "°", "rad")
     of_gyros = f"[data] gyro: {gyros or 'look at the unit and the scale in [sensor.gyro]'}"
-    of_table = f"[data] readback: {readback or 'look at its unit'}"
+    of_table = f"[data] table: {readback or 'look at its unit'}"
     if falls(1.0):
         raise InputError(f"{said}, and gravity agrees with the readback: {of_gyros}")
     if falls(times):
@@ -208,7 +208,7 @@ def _told(fit: Fit, columns: Columns) -> str:
     """Say what a fit exchanges."""
     parts: list[str] = []
     if not fit.readback.straight:
-        parts.append(f"[data] readback = {fit.readback.named(columns.readback)}")
+        parts.append(f"[data] table = {fit.readback.named(columns.readback)}")
     if not fit.gyro.straight:
         parts.append(f"[data] gyro = {fit.gyro.named(columns.gyro)}")
     if not fit.accelerometer.straight:

@@ -5,8 +5,8 @@ Two kinds show, and both harm: at 10 °/s one sample of 100 Hz is 360″.
 * A row lost with its readback: over one step the readback goes on by two steps' angle where the
   gyros turned for one. It stands alone, so that latency, bias and scale do not look like it.
 * A sample of the IMU alone, beside a readback with its own clock: from then on the readback is
-  late by one step, as offsets local to changes of rate tell (`inercal.pipeline.turntable_rates`). It
-  is placed between two such changes.
+  late by one step, as offsets local to changes of rate tell (`inercal.pipeline.turntable_rates`).
+  It is placed between two such changes.
 
 A row lost at rest does not show: nothing turned but the earth, 0.15″ in 10 ms.
 """

@@ -17,12 +17,13 @@ Navigation Technology, 2nd edition, chapter 8.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches.turntable import Turntable
-from inercal.benches.turntable_paths import discrete as discrete_path
+from inercal.benches.turntable_paths import named
 from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian, Problem
 from inercal.estimate import least_squares as solve
@@ -194,7 +195,7 @@ METHOD = Method(
     finds={"f": ("bias", "scale", "misalignment"), "w": ("bias", "scale", "misalignment")},
     also={"f": ("k2",), "w": ("g",)},
     needs=(),
-    plan=discrete_path,
+    plan=partial(named, path="discrete"),
     estimators={"least_squares": least_squares},
     source="IEEE Std 1293 and 1431, multipoint and rate tests on a turntable",
 )

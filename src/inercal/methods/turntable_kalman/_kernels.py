@@ -18,6 +18,10 @@ Indices = NDArray[np.int64]
 # Of a sample: (1, f, ω, six products of f), as in `terms`.
 _FORCE, _RATE, _SQUARE = 1, 4, 7
 BASIS = 13
+# Where an acceleration begins or ends between two samples, a rate taken as linear makes an angle of
+# a Δt² s (1 − s)/2 at the share s of the step: 0.09 a Δt² rms over s. Second differences of five
+# standard deviations (25 × 6 variances of a sample) are taken for such.
+_KINK, _BENT = 0.09, 150.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -278,8 +282,9 @@ def gyros(
         part of x that stands for φ and coefficients is fed back and kept zero.
     made : (BASIS, 3, 3) array
         Σ C M φ Δt since the epoch before, changed in place.
-    last : (5,) array
-        Time and rate of the sample before, and its row in `past`: changed in place.
+    last : (9,) array
+        Time and rate of the sample before, its row in `past`, the rate of the one before that, and
+        the variance of φ by kinks of the rate since the last epoch, rad²: changed in place.
     times, past : (k,) and (k, 3, 3) arrays
         Of `delayed`: what the readback, being late, is compared with. Changed in place.
     history : (e, 4 + 2 n) array
@@ -333,7 +338,10 @@ def gyros(
         newest = (int(last[4]) + 1) % times.size
         last[4], times[newest] = newest, time[i]
         for k in range(3):
-            last[1 + k] = rates[i, k]
+            bent = rates[i, k] - 2 * last[1 + k] + last[5 + k]
+            if bent * bent * dt > _BENT * noise[k]:
+                last[8] += (_KINK * bent * dt) ** 2
+            last[5 + k], last[1 + k] = last[1 + k], rates[i, k]
             for j in range(3):
                 past[newest, k, j] = c[k, j]
         if e == epochs.size or i != epochs[e]:
@@ -349,9 +357,11 @@ def gyros(
                 driven[k, j] = 0.0
                 for b in range(3):
                     driven[k, j] += cm[k, b] * noise[b] * cm[j, b] * since
+            driven[k, k] += last[8]
             keep[gm + k] = kept
             drawn[gm + k] = drift[k, 0] * (1 - kept * kept) + drift[k, 1] * since
             x[gm + k] *= kept
+        last[8] = 0.0
         # −[ω_ie×] within an epoch.
         a[0, 1], a[0, 2], a[1, 2] = earth[2] * since, -earth[1] * since, earth[0] * since
         a[1, 0], a[2, 0], a[2, 1] = -a[0, 1], -a[0, 2], -a[1, 2]

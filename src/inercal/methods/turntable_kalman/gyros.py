@@ -38,7 +38,7 @@ class State:
     x: Array  # (n,)
     p: Array  # (n, n)
     made: Array  # (BASIS, 3, 3)
-    last: Array  # (5,)
+    last: Array  # (9,)
     times: Array  # (k,)
     past: Array  # (k, 3, 3)
     start: Array  # (4,)
@@ -155,13 +155,14 @@ class Gyros:
         x = np.zeros(n)
         x[6 + p :] = [one.value for one in self.table]
         time, mat = float(track.time[0]), reference(self.bench, track.angles[:1])[0]
+        rate = track.reading[0, self.part.channels].tolist()
         return State(
             mat,
             self.first.copy(),
             x,
             covariance,
             np.zeros((BASIS, 3, 3)),
-            np.concatenate([[time], track.reading[0, self.part.channels], [0.0]]),
+            np.array([time, *rate, 0.0, *rate, 0.0]),
             np.full(_KEPT, time),
             np.tile(mat, (_KEPT, 1, 1)),
             np.array([_ALIGNED**2, time, time, 0.0]),

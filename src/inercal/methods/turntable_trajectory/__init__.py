@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches.turntable import Turntable
-from inercal.benches.turntable_paths import fast as fast_path
+from inercal.benches.turntable_paths import named
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate, Gaussian, Problem
 from inercal.estimate import least_squares as solve
@@ -203,7 +203,7 @@ METHOD = Method(
     finds={"f": ("bias", "scale", "misalignment"), "w": ("bias", "scale", "misalignment")},
     also={"f": ("k2",), "w": ("g",)},
     needs=(),
-    plan=fast_path,
+    plan=named,
     estimators={"trajectory": trajectory},
     source="Generalised least squares (Aitken 1935), whitened by innovations (Kailath 1968)",
 )
