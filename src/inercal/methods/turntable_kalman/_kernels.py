@@ -211,6 +211,7 @@ def gyros(
     rates: Array,
     hold: Indices,
     epochs: Indices,
+    behind: Array,
     reference: Array,
     beside: Array,
     nominal: Array,
@@ -250,6 +251,8 @@ def gyros(
         Number of the hold that a sample belongs to; negative while the table moves.
     epochs : (e,) array
         Samples at which readback is taken in, ascending.
+    behind : (e,) array
+        How much older than the sample that readback is, s, by its stamp.
     reference : (e, 3, 3) array
         Attitude by readback.
     beside : (e, 3, q) array
@@ -377,13 +380,20 @@ def gyros(
                 x[k] = moved[k]
         predict(p, a, keep, driven, drawn)
         if start[3] > 0:
-            # φ is lost, all else is kept.
+            # φ is lost, all else is kept; the readback is brought to the sample by the rate.
             start[3] = 0.0
+            delay, fastest = behind[e], 0.0
+            if late[0] >= 0:
+                delay += x[late[0]]
+            for k in range(3):
+                turn[k] = phi[_RATE + k] * delay
+                fastest += phi[_RATE + k] * phi[_RATE + k]
             c[:] = reference[e]
+            rotate(c, turn)
             for k in range(3):
                 p[k, :] = 0.0
                 p[:, k] = 0.0
-                p[k, k] = start[0]
+                p[k, k] = start[0] + (fastest * p[late[0], late[0]] if late[0] >= 0 else 0.0)
             times[:] = time[i]
             past[:] = c
             history[e, :4] = 0.0
@@ -393,7 +403,7 @@ def gyros(
                 delay += x[late[0]]
             if late[1] >= 0:
                 delay += x[late[1]] * (time[i] - start[2])
-            delayed(times, past, newest, time[i] - delay, half, rate)
+            delayed(times, past, newest, time[i] - behind[e] - delay, half, rate)
             apart(reference[e], half, z)
             h[:] = 0.0
             for k in range(3):

@@ -7,7 +7,7 @@ as corrected so far and compared ten times a second; what is found is fed back.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import radians
+from math import ceil, radians
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from inercal.sensors import Sensor
 
 Array = NDArray[np.float64]
 _ARCSEC = radians(1 / 3600)
+_SURELY = 4.0  # standard deviations
 _KEPT = 64  # samples; a readback may be that late
 _DRIVEN = ("latency", "clock", "azimuth")
 _ALIGNED = 60 * _ARCSEC  # sd of φ where the attitude is taken from the table
@@ -41,6 +42,7 @@ class State:
     last: Array  # (9,)
     times: Array  # (k,)
     past: Array  # (k, 3, 3)
+    tail: Array  # (lag, 1 + axes): time and readback of the last samples
     start: Array  # (4,)
     nis: float = 0.0
     epochs: int = 0
@@ -57,6 +59,7 @@ class State:
             last=self.last.copy(),
             times=self.times.copy(),
             past=self.past.copy(),
+            tail=self.tail.copy(),
             start=self.start.copy(),
         )
 
@@ -77,6 +80,8 @@ class Gyros:
         Of the states after the drift.
     readback : float
         Standard deviation of the attitude by readback, rad.
+    lag : int
+        Samples by which readback waits for the IMU: it may be ahead of it.
     closed : bool
         Whether what is found is fed back to the integration.
     turning : bool
@@ -89,6 +94,7 @@ class Gyros:
     first: Array
     table: tuple[Parameter, ...]
     readback: float
+    lag: int = 0
     closed: bool = True
     turning: bool = True
 
@@ -134,7 +140,9 @@ class Gyros:
             # A lean turns all attitudes alike: φ at the start holds it.
             known = ("lean_x", "lean_y", *_DRIVEN)
             wanted += [q for q in seen if q.sd > 0 and q.name not in known]
-        return cls(part, bench, prior, first, tuple(wanted), readback)
+        ahead = _SURELY * bench.latency.sd - bench.latency.value if drifting else 0.0
+        lag = min(max(ceil(ahead / np.median(np.diff(track.time))), 0), _KEPT // 2)
+        return cls(part, bench, prior, first, tuple(wanted), readback, lag)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -165,6 +173,7 @@ class Gyros:
             np.array([time, *rate, 0.0, *rate, 0.0]),
             np.full(_KEPT, time),
             np.tile(mat, (_KEPT, 1, 1)),
+            np.tile([time, *track.angles[0]], (self.lag, 1)),
             np.array([_ALIGNED**2, time, time, 0.0]),
         )
 
@@ -174,7 +183,11 @@ class Gyros:
         epochs = _kernels.due(track.time, model.PERIOD * (1 - 1e-6), after.start[1])
         if not self.turning:
             epochs = epochs[track.hold[epochs] >= 0]
-        angles = track.angles[epochs]
+        stamps, angles = track.time, track.angles
+        if self.lag:
+            stamps = np.concatenate([after.tail[:, 0], stamps])
+            angles = np.concatenate([after.tail[:, 1:], angles])
+        angles = angles[epochs]
         n = state.x.size
         history = np.zeros((epochs.size, 4 + 2 * n))
         terms = self.part.terms
@@ -183,6 +196,7 @@ class Gyros:
             np.ascontiguousarray(track.reading[:, self.part.channels]),
             track.hold,
             epochs,
+            track.time[epochs] - stamps[epochs],
             reference(self.bench, angles),
             beside(self.bench, self.table, angles, skipped=_DRIVEN),
             terms.nominal,
@@ -209,6 +223,9 @@ class Gyros:
             history,
         )
         taken = int((history[:, 3] > 0).sum())
+        if self.lag:
+            kept = np.column_stack([track.time, track.angles])[-self.lag :]
+            after = replace(after, tail=np.concatenate([after.tail, kept])[-self.lag :])
         after = replace(after, nis=state.nis + nis, epochs=state.epochs + taken)
         return after, model.course("gyros", self.names, track.time[epochs], history, 3)
 
