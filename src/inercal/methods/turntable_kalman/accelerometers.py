@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from inercal.benches.turntable import Turntable
 from inercal.benches.turntable_attitude import misalignment, reference
 from inercal.estimate import Course, Gaussian
-from inercal.methods.turntable_kalman import _kernels, model
+from inercal.methods.turntable_kalman import _accelerometers, _strapdown, model
 from inercal.methods.turntable_kalman.model import Triad, beside
 from inercal.methods.turntable_kalman.terms import BASIS
 from inercal.parameters import Parameter
@@ -160,7 +160,7 @@ class Accelerometers:
     def step(self, state: State, track: Track) -> tuple[State, Course]:
         """Return the state after the samples of a track, and the course through them."""
         after = state.copy()
-        epochs = _kernels.due_in_holds(
+        epochs = _strapdown.due_in_holds(
             track.time,
             track.hold,
             model.PERIOD * (1 - 1e-6),
@@ -173,7 +173,7 @@ class Accelerometers:
         rates = (track.reading[:, gyros.channels] - self.coarse) @ np.linalg.inv(
             gyros.terms.nominal
         ).T
-        nis = _kernels.accelerometers(
+        nis = _accelerometers.accelerometers(
             track.time,
             np.ascontiguousarray(track.reading[:, self.part.channels]),
             rates,

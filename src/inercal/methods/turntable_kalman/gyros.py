@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from inercal.benches.turntable import Turntable
 from inercal.benches.turntable_attitude import misalignment, reference
 from inercal.estimate import Course, Gaussian
-from inercal.methods.turntable_kalman import _kernels, model
+from inercal.methods.turntable_kalman import _gyros, _strapdown, model
 from inercal.methods.turntable_kalman.model import Triad, beside
 from inercal.methods.turntable_kalman.terms import BASIS
 from inercal.parameters import Parameter
@@ -180,7 +180,7 @@ class Gyros:
     def step(self, state: State, track: Track) -> tuple[State, Course]:
         """Return the state after the samples of a track, and the course through them."""
         after = state.copy()
-        epochs = _kernels.due(track.time, model.PERIOD * (1 - 1e-6), after.start[1])
+        epochs = _strapdown.due(track.time, model.PERIOD * (1 - 1e-6), after.start[1])
         if not self.turning:
             epochs = epochs[track.hold[epochs] >= 0]
         stamps, angles = track.time, track.angles
@@ -191,7 +191,7 @@ class Gyros:
         n = state.x.size
         history = np.zeros((epochs.size, 4 + 2 * n))
         terms = self.part.terms
-        nis = _kernels.gyros(
+        nis = _gyros.gyros(
             track.time,
             np.ascontiguousarray(track.reading[:, self.part.channels]),
             track.hold,

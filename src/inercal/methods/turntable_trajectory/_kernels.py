@@ -1,6 +1,6 @@
 """Compiled: attitude from one readback to the next, and the whitening of what is left.
 
-Level frame and signs as in `inercal.methods.turntable_kalman._kernels`.
+Level frame and signs as in `inercal.methods.turntable_kalman._strapdown`.
 """
 # Numba's decorator has no types.
 # pyright: reportUntypedFunctionDecorator=false
@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from inercal.methods.turntable_kalman._kernels import apart, matrix, rotate
+from inercal.methods.turntable_kalman._strapdown import apart, matrix, rotate
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -1,0 +1,224 @@
+"""Compiled: attitude step by step, and what errors of the sensor's coefficients make of it.
+
+Level frame: east, north, up. C takes the body's frame to it, C_est = (I − [φ×]) C. φ, small, is a
+rotation vector; φ(f, ω) of `terms` is called phi. What is written is changed in place.
+"""
+# Numba's decorator has no types.
+# pyright: reportUntypedFunctionDecorator=false
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+# Of a sample: (1, f, ω, six products of f), as in `terms`.
+FORCE, RATE, SQUARE = 1, 4, 7
+BASIS = 13
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def rotate(c: Array, v: Array) -> None:
+    """Turn C by the rotation vector v of the body, in place: C ← C exp [v×]."""
+    s = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+    angle = np.sqrt(s)
+    once = 1 - s / 6 + s * s / 120 if angle < 1e-2 else np.sin(angle) / angle
+    twice = 0.5 - s / 24 + s * s / 720 if angle < 1e-2 else (1 - np.cos(angle)) / s
+    for i in range(3):
+        a, b, d = c[i, 0], c[i, 1], c[i, 2]
+        # Rows of C times exp [v×]: a + once (a × v)ᵀ-wise + twice ((a × v) × v).
+        e = b * v[2] - d * v[1]
+        f = d * v[0] - a * v[2]
+        g = a * v[1] - b * v[0]
+        c[i, 0] = a + once * e + twice * (f * v[2] - g * v[1])
+        c[i, 1] = b + once * f + twice * (g * v[0] - e * v[2])
+        c[i, 2] = d + once * g + twice * (e * v[1] - f * v[0])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def turn_level(c: Array, v: Array) -> None:
+    """Turn C by the rotation vector v of the level frame, in place: C ← exp [v×] C."""
+    s = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+    angle = np.sqrt(s)
+    once = 1 - s / 6 + s * s / 120 if angle < 1e-2 else np.sin(angle) / angle
+    twice = 0.5 - s / 24 + s * s / 720 if angle < 1e-2 else (1 - np.cos(angle)) / s
+    for j in range(3):
+        a, b, d = c[0, j], c[1, j], c[2, j]
+        e = v[1] * d - v[2] * b
+        f = v[2] * a - v[0] * d
+        g = v[0] * b - v[1] * a
+        c[0, j] = a + once * e + twice * (v[1] * g - v[2] * f)
+        c[1, j] = b + once * f + twice * (v[2] * e - v[0] * g)
+        c[2, j] = d + once * g + twice * (v[0] * f - v[1] * e)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def apart(ref: Array, c: Array, z: Array) -> None:
+    """Write the rotation vector z of ref Cᵀ, in the level frame."""
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        up, down = 0.0, 0.0
+        for m in range(3):
+            up += ref[k, m] * c[j, m]
+            down += ref[j, m] * c[k, m]
+        z[i] = 0.5 * (up - down)
+    trace = 0.0
+    for i in range(3):
+        for m in range(3):
+            trace += ref[i, m] * c[i, m]
+    sine = np.sqrt(z[0] * z[0] + z[1] * z[1] + z[2] * z[2])
+    if sine > 1e-9:
+        angle = np.arctan2(sine, 0.5 * (trace - 1))
+        for i in range(3):
+            z[i] *= angle / sine
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _invert(m: Array, out: Array) -> None:
+    """Write the inverse of a 3 × 3 matrix."""
+    for i in range(3):
+        for j in range(3):
+            a, b = (j + 1) % 3, (j + 2) % 3
+            d, e = (i + 1) % 3, (i + 2) % 3
+            out[i, j] = m[a, d] * m[b, e] - m[a, e] * m[b, d]
+    det = m[0, 0] * out[0, 0] + m[0, 1] * out[1, 0] + m[0, 2] * out[2, 0]
+    for i in range(3):
+        for j in range(3):
+            out[i, j] /= det
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def matrix(nominal: Array, axis: Indices, weights: Array, c: Array, first: int, out: Array) -> None:
+    """Write M = (N + S)⁻¹, S the part of the coefficients that is linear in u (φ from `first`)."""
+    made = nominal.copy()
+    for m in range(axis.size):
+        for k in range(3):
+            made[axis[m], k] += c[m] * weights[m, first + k]
+    _invert(made, out)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def fill(phi: Array, f: Array) -> None:
+    """Write what depends on f into φ."""
+    phi[0] = 1.0
+    for k in range(3):
+        phi[FORCE + k] = f[k]
+        phi[SQUARE + k] = f[k] * f[k]
+    phi[SQUARE + 3], phi[SQUARE + 4] = f[0] * f[1], f[0] * f[2]
+    phi[SQUARE + 5] = f[1] * f[2]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def taken(weights: Array) -> Indices:
+    """Return which of φ a triad's coefficients take part of, 1 among them: biases drift."""
+    return np.array([b for b in range(BASIS) if b == 0 or np.any(weights[:, b] != 0.0)])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def sum_up(axis: Indices, weights: Array, c: Array, drift: Array, used: Indices, by: Array) -> None:
+    """Write what each of φ adds to the readings of the axes, (BASIS, 3), the drift with 1."""
+    for b in used:
+        for i in range(3):
+            by[b, i] = drift[i] if b == 0 else 0.0
+        for m in range(axis.size):
+            by[b, axis[m]] += c[m] * weights[m, b]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def correct(
+    reading: Array, m: Array, by: Array, phi: Array, used: Indices, first: int, u: Array
+) -> None:
+    """Write u = M (reading − what is added beside the part linear in u, φ from `first`)."""
+    u[:] = 0.0
+    for j in range(3):
+        left = reading[j]
+        for b in used:
+            if b < first or b >= first + 3:
+                left -= by[b, j] * phi[b]
+        for k in range(3):
+            u[k] += m[k, j] * left
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def add_up(cm: Array, phi: Array, dt: float, used: Indices, made: Array) -> None:
+    """Add C M φ dt, (BASIS, 3, 3)."""
+    for b in used:
+        size = phi[b] * dt
+        for k in range(3):
+            for j in range(3):
+                made[b, k, j] += cm[k, j] * size
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def driven_by(
+    made: Array, axis: Indices, weights: Array, used: Indices, sign: float, first: int, a: Array
+) -> None:
+    """Write the columns of coefficients, from `first` on, and of the drift; begin a new sum."""
+    gm = first + axis.size
+    for k in range(3):
+        for s in range(axis.size):
+            a[k, first + s] = 0.0
+            for b in used:
+                a[k, first + s] += sign * weights[s, b] * made[b, k, axis[s]]
+        for j in range(3):
+            a[k, gm + j] = sign * made[0, k, j]
+    made[:] = 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def delayed(times: Array, past: Array, newest: int, when: float, out: Array, rate: Array) -> None:
+    """Write the attitude at a time between kept ones, and the body's rate there in the level frame.
+
+    Parameters
+    ----------
+    times, past : (k,) and (k, 3, 3) arrays
+        Time and attitude of the last k samples, in a ring.
+    newest : int
+        Row of the last one.
+    when : float
+        s; beyond what is kept, and beyond the last one, the rate goes on.
+    out : (3, 3) array
+    rate : (3,) array
+        rad/s.
+    """
+    k = times.size
+    after, before = newest, (newest - 1) % k
+    while times[before] > when and (before - 1) % k != newest:
+        after, before = before, (before - 1) % k
+    apart(past[after], past[before], rate)
+    step, ahead = times[after] - times[before], when - times[before]
+    turn = np.empty(3)
+    for i in range(3):
+        rate[i] = rate[i] / step if step > 0 else 0.0
+        turn[i] = rate[i] * ahead
+        for j in range(3):
+            out[i, j] = past[before, i, j]
+    turn_level(out, turn)
+
+
+@njit(cache=True, nogil=True)
+def due(time: Array, period: float, last: float) -> Indices:
+    """Return the samples at which an epoch is due: a period or more after the one before."""
+    found = np.empty(time.size, np.int64)
+    count = 0
+    for i in range(time.size):
+        if time[i] - last >= period:
+            found[count] = i
+            count += 1
+            last = time[i]
+    return found[:count]
+
+
+@njit(cache=True, nogil=True)
+def due_in_holds(time: Array, hold: Indices, period: float, last: float, number: int) -> Indices:
+    """Do the same within holds: the first sample of each, then every period."""
+    found = np.empty(time.size, np.int64)
+    count = 0
+    for i in range(time.size):
+        if hold[i] < 0:
+            continue
+        if hold[i] != number or time[i] - last >= period:
+            found[count] = i
+            count += 1
+            last, number = time[i], hold[i]
+    return found[:count]
