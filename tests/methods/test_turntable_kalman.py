@@ -29,7 +29,7 @@ from inercal.methods.turntable_kalman.accelerometers import Accelerometers
 from inercal.methods.turntable_kalman.gyros import Gyros
 from inercal.recording import Track
 
-SHORT = [("warm-up", (0, 0, 0), 30.0), *turntable.positions(20.0), *turntable.turns(360.0, 20.0)]
+SHORT = [("warm-up", (0, 0, 0), 30.0), *turntable.positions(10.0), *turntable.turns(360.0, 30.0)]
 TEN_SECONDS = [(name, angles, 10.0) for name, angles, _ in turntable.positions()]
 HELD = 3.5 * ARCSEC  # the note's error of each hold
 

@@ -85,7 +85,7 @@ def stated(text: str, section: str, line: str) -> str:
         ("method", 'reverse = "both"', "'both'; it is true or false"),
         ("sensor", 'frame = "sym"', "'sym'; it is mount or symmetric"),
         ("sensor", "frame = [1]", "a list; it is mount or symmetric"),
-        ("bench", "kind = 5", "5; it is hand, centrifuge, dividing_head or rate_table"),
+        ("bench", "kind = 5", "5; it is hand, centrifuge, dividing_head, rate_table or turntable"),
         ("data", "time = 1.5", "1.5 is a number; give a column, by its name or its number"),
         ("data", "accelerometer = [1.5, 2, 3]", "1.5 is a number; give a column, by its name or"),
         ("data", 'gyro = ["a", "b"]', "2 in the list; it takes 3"),
