@@ -23,7 +23,13 @@ def ship_model() -> Study:
     return reproduce("ship-model", trials=400, seed=1)
 
 
-@pytest.fixture(params=["study", "dual_orthogonal", "ship_model"])
+@pytest.fixture(scope="session")
+def turntable() -> Study:
+    """Return the fourth study, of six devices."""
+    return reproduce("turntable", trials=400, seed=1)
+
+
+@pytest.fixture(params=["study", "dual_orthogonal", "ship_model", "turntable"])
 def each_study(request: pytest.FixtureRequest) -> Study:
     """Return one study after the other."""
     return request.getfixturevalue(request.param)

@@ -37,7 +37,7 @@ def test_progress_is_told(monkeypatch: pytest.MonkeyPatch):
     said: list[str] = []
     assert reproduce("centrifuge", 30, 7, said.append) == (30, 7)
     assert said == ["half of it"]
-    assert set(STUDIES) == {"centrifuge", "dual-orthogonal", "ship-model"}
+    assert set(STUDIES) == {"centrifuge", "dual-orthogonal", "ship-model", "turntable"}
 
 
 def test_every_finding_has_its_sentence_and_its_own_name(each_study: Study):
@@ -181,5 +181,5 @@ def test_an_unknown_study_is_one_line_and_status_2(
     out, err = capsys.readouterr()
     assert stop.value.code == 2
     assert out == ""
-    names = "centrifuge, dual-orthogonal, ship-model"
+    names = "centrifuge, dual-orthogonal, ship-model, turntable"
     assert err.strip() == f"inercal: no study 'ferris'; there are {names}"

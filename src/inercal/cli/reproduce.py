@@ -13,7 +13,9 @@ _COLOURS = {"reproduced": "green", "not reproducible": "yellow", "false": "red"}
 
 
 def run(
-    name: str = typer.Argument(help="The study: centrifuge, dual-orthogonal or ship-model."),
+    name: str = typer.Argument(
+        help="The study: centrifuge, dual-orthogonal, ship-model or turntable."
+    ),
     out: Path | None = typer.Option(
         None, "--out", "-o", help="Folder for the page; by default here, with --json none."
     ),

@@ -18,6 +18,7 @@ STUDIES: Mapping[str, str] = {
     "centrifuge": "inercal.studies.centrifuge",
     "dual-orthogonal": "inercal.studies.dual_orthogonal",
     "ship-model": "inercal.studies.ship_model",
+    "turntable": "inercal.studies.turntable",
 }
 """The studies by name, and the modules that run them."""
 TRIALS = 4000
