@@ -248,6 +248,14 @@ def gyros(
                 if late[1] >= 0:
                     h[k, late[1]] = -rate[k] * (time[i] - start[2])
                 z[k] -= rate[k] * delay
+                # φ as it was then: what drove it since is taken back.
+                for t in range(count):
+                    size = 0.0
+                    for b in used:
+                        size += weights[t, b] * phi[b]
+                    h[k, 3 + t] = cm[k, axis[t]] * size * (behind[e] + delay)
+                for j in range(3):
+                    h[k, gm + j] = cm[k, j] * (behind[e] + delay)
                 history[e, k] = z[k]
                 for j in range(gm + 3, n):
                     history[e, k] -= h[k, j] * x[j]
