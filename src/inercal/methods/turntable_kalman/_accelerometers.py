@@ -11,9 +11,6 @@ from numpy.typing import NDArray
 
 from inercal.estimate.kalman import predict, update
 from inercal.methods.turntable_kalman._strapdown import (
-    BASIS,
-    FORCE,
-    SQUARE,
     add_up,
     apart,
     correct,
@@ -25,6 +22,7 @@ from inercal.methods.turntable_kalman._strapdown import (
     taken,
     turn_level,
 )
+from inercal.methods.turntable_kalman.terms import BASIS, FORCE, SQUARE
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -13,10 +13,8 @@ from numpy.typing import NDArray
 
 from inercal.estimate.kalman import predict, update
 from inercal.methods.turntable_kalman._strapdown import (
-    BASIS,
-    FORCE,
-    RATE,
-    SQUARE,
+    BENT,
+    KINK,
     add_up,
     apart,
     correct,
@@ -29,13 +27,10 @@ from inercal.methods.turntable_kalman._strapdown import (
     taken,
     turn_level,
 )
+from inercal.methods.turntable_kalman.terms import BASIS, FORCE, RATE, SQUARE
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-# Where an acceleration begins or ends between two samples, a rate taken as linear makes an angle of
-# a Δt² s (1 − s)/2 at the share s of the step: 0.09 a Δt² rms over s. Second differences of five
-# standard deviations (25 × 6 variances of a sample) are taken for such.
-_KINK, _BENT = 0.09, 150.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -175,8 +170,8 @@ def gyros(
         last[4], times[newest] = newest, time[i]
         for k in range(3):
             bent = rates[i, k] - 2 * last[1 + k] + last[5 + k]
-            if bent * bent * dt > _BENT * noise[k]:
-                last[8] += (_KINK * bent * dt) ** 2
+            if bent * bent * dt > BENT * noise[k]:
+                last[8] += (KINK * bent * dt) ** 2
             last[5 + k], last[1 + k] = last[1 + k], rates[i, k]
             for j in range(3):
                 past[newest, k, j] = c[k, j]

@@ -10,11 +10,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from inercal.methods.turntable_kalman.terms import BASIS, FORCE, SQUARE
+
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-# Of a sample: (1, f, ω, six products of f), as in `terms`.
-FORCE, RATE, SQUARE = 1, 4, 7
-BASIS = 13
+# Where an acceleration begins or ends between two samples, a rate taken as linear makes an angle of
+# a Δt² s (1 − s)/2 at the share s of the step: 0.09 a Δt² rms over s. Second differences of five
+# standard deviations (25 × 6 variances of a sample) are taken for such.
+KINK, BENT = 0.09, 150.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

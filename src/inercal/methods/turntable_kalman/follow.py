@@ -105,7 +105,8 @@ def followed(
     Raises
     ------
     InputError
-        No track, no rest at its start, or a sensor that the filters do not take.
+        No track, no rest at its start, a sensor that the filters do not take, or a prior that joins
+        gyros and accelerometers.
     NotObserved
         Directions that the run does not decide.
     """
@@ -113,6 +114,7 @@ def followed(
     if track is None:
         raise InputError("the filters follow a recording; means of positions are not enough")
     kinds = {axis.measures for axis in sensor.axes}
+    _require_apart(sensor, priors)
     runs = [run for kind, run in (("w", gyros), ("f", accelerometers)) if kind in kinds]
     lead = track.reading.shape[:-2]
     trials = [
@@ -149,6 +151,18 @@ def followed(
         notes=tuple(_told(one) for one in trials[0]),
         courses=tuple(one.course for one in trials[0]),
     )
+
+
+def _require_apart(sensor: Sensor, priors: Sequence[Gaussian]) -> None:
+    """Refuse a prior that joins both triads: each filter would leave it out."""
+    kind = {axis.name: axis.measures for axis in sensor.axes}
+    for prior in priors:
+        touched = {kind[name.partition(".")[0]] for name in prior.names}
+        if len(touched) > 1:
+            raise InputError(
+                f"prior on {', '.join(prior.names)}: the filters find gyros and accelerometers "
+                "apart; give priors of each by themselves, or use turntable_trajectory"
+            )
 
 
 def _require_decided(one: Filtered) -> None:

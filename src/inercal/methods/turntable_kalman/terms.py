@@ -18,7 +18,7 @@ from inercal.sensors import G0, Sensor
 
 Array = NDArray[np.float64]
 BASIS = 13
-BIAS, FORCE, RATE = 0, 1, 4  # where 1, f and ω begin in φ
+BIAS, FORCE, RATE, SQUARE = 0, 1, 4, 7  # where 1, f, ω and products of f begin in φ
 
 
 class Terms(NamedTuple):

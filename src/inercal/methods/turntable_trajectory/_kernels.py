@@ -9,27 +9,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from inercal.methods.turntable_kalman._strapdown import apart, matrix, rotate
+from inercal.methods.turntable_kalman._strapdown import BENT, KINK, apart, fill, matrix, rotate
+from inercal.methods.turntable_kalman.terms import BASIS, FORCE, RATE, SQUARE
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Bools = NDArray[np.bool_]
-_FORCE, _RATE, _SQUARE, _BASIS = 1, 4, 7, 13  # as in `terms`
-# Rates are taken as linear between samples: what that is off by where they bend (see there).
-_KINK, _BENT = 0.09, 150.0
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _gravity(phi: Array, c: Array, gravity: float) -> None:
-    """Write what depends on the reaction of gravity into φ."""
-    phi[0] = 1.0
-    for k in range(3):
-        phi[_FORCE + k] = gravity * c[2, k]
-    for k in range(3):
-        phi[_SQUARE + k] = phi[_FORCE + k] ** 2
-    phi[_SQUARE + 3] = phi[_FORCE] * phi[_FORCE + 1]
-    phi[_SQUARE + 4] = phi[_FORCE] * phi[_FORCE + 2]
-    phi[_SQUARE + 5] = phi[_FORCE + 1] * phi[_FORCE + 2]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -79,28 +64,30 @@ def increments(
         Written: covariance that the gyros' noise gives it, rad².
     """
     count = axis.size
-    m, phi, wrong, c = np.zeros((3, 3)), np.zeros(_BASIS), np.zeros(3), np.zeros((3, 3))
+    m, phi, wrong, c = np.zeros((3, 3)), np.zeros(BASIS), np.zeros(3), np.zeros((3, 3))
     half, move, u, cm = np.zeros((3, 3)), np.zeros(3), np.zeros(3), np.zeros((3, 3))
     turn, fed = np.zeros(3), np.zeros(3)
-    matrix(nominal, axis, weights, theta, _RATE, m)
+    matrix(nominal, axis, weights, theta, RATE, m)
     columns[:], drifting[:], driven[:] = 0.0, 0.0, 0.0
     for e in range(epochs.size - 1):
         c[:] = reference[e]
         for i in range(epochs[e] + 1, epochs[e + 1] + 1):
             dt = time[i] - time[i - 1]
-            _gravity(phi, c, gravity)
+            for k in range(3):
+                phi[FORCE + k] = gravity * c[2, k]
+            fill(phi, phi[FORCE : FORCE + 3])
             for k in range(3):
                 move[k] = 0.5 * (rates[i, k] + rates[i - 1, k])
                 wrong[k] = 0.0
             for s in range(count):
-                for b in range(_BASIS):
-                    if b < _RATE or b >= _SQUARE:
+                for b in range(BASIS):
+                    if b < RATE or b >= SQUARE:
                         wrong[axis[s]] += theta[s] * weights[s, b] * phi[b]
             for k in range(3):
                 u[k] = 0.0
                 for j in range(3):
                     u[k] += m[k, j] * (move[j] - wrong[j])
-                phi[_RATE + k] = u[k]
+                phi[RATE + k] = u[k]
             for k in range(3):
                 around = 0.0
                 for j in range(3):
@@ -119,7 +106,7 @@ def increments(
                         cm[k, j] += half[k, b] * m[b, j]
             for s in range(count):
                 size = 0.0
-                for b in range(_BASIS):
+                for b in range(BASIS):
                     size += weights[s, b] * phi[b]
                 for k in range(3):
                     columns[e, k, s] -= cm[k, axis[s]] * size * dt
@@ -130,9 +117,9 @@ def increments(
                         driven[e, k, j] += cm[k, b] * noise[b] * cm[j, b] * dt
                 if i > 1:
                     bent = rates[i, k] - 2 * rates[i - 1, k] + rates[i - 2, k]
-                    if bent * bent > _BENT * noise[k] / dt:
+                    if bent * bent > BENT * noise[k] / dt:
                         for j in range(3):
-                            driven[e, j, j] += (_KINK * bent * dt) ** 2
+                            driven[e, j, j] += (KINK * bent * dt) ** 2
         apart(reference[e + 1], c, apart_by[e])
 
 
