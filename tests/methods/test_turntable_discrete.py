@@ -186,7 +186,7 @@ def test_terms_by_gravity_come_out_of_the_same_rows():
 def test_errors_are_those_of_the_note_and_as_stated(
     grade: str, gyro: tuple[float, ...], acc: tuple[float, ...], base: int
 ):
-    found = scores(getattr(made_by, grade), 60, base)
+    found = scores(made_by.GRADES[grade], 60, base)
     for one, most in zip(found, (gyro, acc), strict=True):
         assert 0.85 < one.nees < 1.2
         assert (np.array(one[:3]) < 1.15 * np.array(most)).all(), one
