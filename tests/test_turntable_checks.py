@@ -9,8 +9,8 @@ from tests.accuracy import turntable as tt
 
 from inercal.benches.turntable import Turntable
 from inercal.errors import InputError
-from inercal.pipeline.turntable_checks import Columns, require_sound
-from inercal.pipeline.turntable_fits import Signed, signed
+from inercal.pipeline.turntable.checks import Columns, require_sound
+from inercal.pipeline.turntable.fits import Signed, signed
 from inercal.recording import Track
 from inercal.sensors.catalogue import imu
 from inercal.units import Measured

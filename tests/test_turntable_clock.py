@@ -10,8 +10,8 @@ from tests.accuracy import turntable as tt
 
 from inercal.benches.turntable import Turntable
 from inercal.errors import InputError
-from inercal.pipeline.turntable_clock import aligned, from_counter
-from inercal.pipeline.turntable_slips import slipped, slips
+from inercal.pipeline.turntable.clock import aligned, from_counter
+from inercal.pipeline.turntable.slips import slipped, slips
 from inercal.recording import Track
 from inercal.sensors.catalogue import imu
 from inercal.units import Measured

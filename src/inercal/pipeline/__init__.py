@@ -22,7 +22,7 @@ from inercal.io.table import sha256_of
 from inercal.methods.multi_position.timing import delay
 from inercal.methods.ship_multi_angle.evolution import Generation, History
 from inercal.parameters import Parameter
-from inercal.pipeline import by_hand, on_arm, on_head, on_table, on_turntable
+from inercal.pipeline import by_hand, on_arm, on_head, on_table, turntable
 from inercal.pipeline.bench_errors import stated
 from inercal.pipeline.inputs import (
     Gathered,
@@ -194,7 +194,7 @@ def _gather(run: Run, bench: Bench) -> Gathered:
     if isinstance(bench, DividingHead):
         return on_head.gather(run, bench)
     if isinstance(bench, Turntable):
-        return on_turntable.gather(run, bench)
+        return turntable.gather(run, bench)
     return on_table.gather(run, bench)
 
 

@@ -2,7 +2,7 @@
 
 The table's clock says T = o + (1 + d) t when the IMU's says t. Both are found from where rates
 change: each such stretch gives a local offset with its standard deviation
-(`inercal.pipeline.turntable_rates`), and o and d follow by weighted least squares. A latency of the
+(`inercal.pipeline.turntable.rates`), and o and d follow by weighted least squares. A latency of the
 readback is part of o: after `aligned` none is left beyond its standard deviation.
 """
 # SciPy has no stubs.
@@ -17,7 +17,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from inercal.benches.turntable import Turntable
 from inercal.errors import InputError
-from inercal.pipeline.turntable_rates import (
+from inercal.pipeline.turntable.rates import (
     Offsets,
     Smooth,
     of_gyros,

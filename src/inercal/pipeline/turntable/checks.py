@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from inercal.benches.turntable import Turntable
 from inercal.benches.turntable_attitude import motion, reference
 from inercal.errors import InputError
-from inercal.pipeline.turntable_fits import SOUND, Blocks, Fit, Signed, blocks_of, fits, moments
+from inercal.pipeline.turntable.fits import SOUND, Blocks, Fit, Signed, blocks_of, fits, moments
 from inercal.recording import GAP, Finding, Track
 from inercal.sensors import Sensor
 

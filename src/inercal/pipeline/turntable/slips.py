@@ -5,7 +5,7 @@ Two kinds show, and both harm: at 10 °/s one sample of 100 Hz is 360″.
 * A row lost with its readback: over one step the readback goes on by two steps' angle where the
   gyros turned for one. It stands alone, so that latency, bias and scale do not look like it.
 * A sample of the IMU alone, beside a readback with its own clock: from then on the readback is
-  late by one step, as offsets local to changes of rate tell (`inercal.pipeline.turntable_rates`).
+  late by one step, as offsets local to changes of rate tell (`inercal.pipeline.turntable.rates`).
   It is placed between two such changes.
 
 A row lost at rest does not show: nothing turned but the earth, 0.15″ in 10 ms.
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from inercal.benches.turntable import Turntable
 from inercal.benches.turntable_attitude import motion
-from inercal.pipeline.turntable_rates import Rough, half_window, of_gyros, of_table, offsets, rough
+from inercal.pipeline.turntable.rates import Rough, half_window, of_gyros, of_table, offsets, rough
 from inercal.recording import GAP, Finding, Track
 from inercal.sensors import Sensor
 

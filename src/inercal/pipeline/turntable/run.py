@@ -18,9 +18,9 @@ from inercal.pipeline.inputs import (
     readback_units,
     require_own_columns,
 )
-from inercal.pipeline.turntable_checks import Columns, require_sound
-from inercal.pipeline.turntable_labels import labelled
-from inercal.pipeline.turntable_slips import slipped
+from inercal.pipeline.turntable.checks import Columns, require_sound
+from inercal.pipeline.turntable.labels import labelled
+from inercal.pipeline.turntable.slips import slipped
 from inercal.plan import Position, Rotation, TableStep
 from inercal.recording import Finding, Mark, Recording, Track
 from inercal.runfile import Run
