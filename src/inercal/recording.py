@@ -84,6 +84,8 @@ class Recording:
         Number of each sample in the file, where the audit dropped or sorted some.
     label_name : str
         Column of a file that labels are written to.
+    time_name : str
+        The same of times.
 
     Raises
     ------
@@ -104,6 +106,7 @@ class Recording:
     first_row: int = 0
     original: Indices | None = None
     label_name: str = "label"
+    time_name: str = "time"
 
     def __post_init__(self) -> None:
         n, m = self.time.size, len(self.channels)

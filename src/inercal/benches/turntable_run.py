@@ -183,10 +183,29 @@ def _said(
     rng: np.random.Generator,
 ) -> Array:
     """Return readings by the table's stamps, brought to the samples' times, (n, k) rad."""
-    angles = way.at(stamps * (1 - q["clock"]) - q["latency"])[0]
-    read = readback(bench, angles, q) + bench.white * rng.standard_normal(angles.shape)
+    read = read_at(bench, way, stamps, q, rng)
     brought: list[Array] = [np.interp(time, stamps, one) for one in read.T]
     return np.stack(brought, axis=-1)
+
+
+def read_at(
+    bench: Turntable, way: Travel, stamps: Array, q: Mapping[str, Array], rng: np.random.Generator
+) -> Array:
+    """Return what the table reads back by its own stamps, (n, k) rad.
+
+    Parameters
+    ----------
+    bench : Turntable
+    way : Travel
+    stamps : (n,) array
+        s of the table's clock; before and after its way the table stands.
+    q : mapping of str to ()
+        The bench's parameters by name, SI.
+    rng : Generator
+        Of the readback's noise.
+    """
+    angles = way.at(stamps * (1 - q["clock"]) - q["latency"])[0]
+    return readback(bench, angles, q) + bench.white * rng.standard_normal(angles.shape)
 
 
 def _stamps(end: float, rate_hz: float) -> Array:

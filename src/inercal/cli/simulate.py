@@ -1,4 +1,4 @@
-"""`inercal simulate`: the run's plan on its simulated bench, written as a recording."""
+"""`inercal simulate`: the run's plan on its simulated bench, written as the run file reads it."""
 
 from pathlib import Path
 
@@ -10,7 +10,10 @@ NAME = "simulate"
 def run(
     run_file: Path = typer.Argument(help="The run file (TOML); \\[sensor.truth] is the truth."),
     out: Path | None = typer.Option(
-        None, "--out", "-o", help="The recording to write (.csv, .npz, .parquet); \\[data] file."
+        None,
+        "--out",
+        "-o",
+        help="The recording to write (.csv, .npz, .parquet), \\[data] file; table_file beside it.",
     ),
     seed: int = typer.Option(0, help="Seed of the noise and of the bench's errors."),
     force: bool = typer.Option(False, "--force", help="Write over an existing recording."),
@@ -19,26 +22,36 @@ def run(
     """Simulate the recording that the run's plan would leave."""
     from inercal.cli.show import as_json, working
     from inercal.errors import InputError
-    from inercal.io.write import write_recording
-    from inercal.pipeline import named_as_in, simulate
+    from inercal.io.write import write_recordings
+    from inercal.pipeline import simulate_files
     from inercal.runfile import read
 
     plan = read(run_file)
-    path = out or plan.file(plan.data.file)
-    if path.exists() and not force:
-        raise InputError(f"{path} exists: name another with --out, or write over it with --force")
-    with working(f"simulating {path}"):
-        recording = simulate(plan, seed)
-        write_recording(named_as_in(plan, recording), path)
+    names = [plan.data.file, *filter(None, [plan.data.table_file])]
+    paths = [plan.file(name) for name in names]
+    if out is not None:
+        paths = [out, *(out.parent / path.name for path in paths[1:])]
+    for there in paths:
+        if there.exists() and not force:
+            raise InputError(
+                f"{there} exists: name another with --out, or write over it with --force"
+            )
+    written = " and ".join(map(str, paths))
+    with working(f"simulating {written}"):
+        made = simulate_files(plan, seed)
+        write_recordings(dict(zip(paths, made.values(), strict=True)))
+    assert plan.rate_hz is not None  # no simulation without
+    samples = made[plan.data.file].time.size
+    seconds = (samples - 1) / plan.rate_hz
     if json:
         as_json(
             {
-                "recording": str(path),
-                "samples": int(recording.time.size),
-                "seconds": recording.duration,
+                **dict(zip(("recording", "readback"), map(str, paths), strict=False)),
+                "samples": samples,
+                "seconds": seconds,
                 "seed": seed,
                 "truth": dict(plan.truth),
             }
         )
     else:
-        print(f"wrote {path}: {recording.time.size} samples, {recording.duration:.1f} s")
+        print(f"wrote {written}: {samples} samples, {seconds:.1f} s")

@@ -61,11 +61,29 @@ def audit(
     InputError
         The recording has an axis of trials, or limits name no channel.
     """
-    if recording.data.ndim != 2:
-        raise InputError("audit takes one run, data (n, m), without an axis of trials")
     limits = limits or {}
     for channel in set(limits) - set(recording.channels):
         raise InputError(f"limits for {channel!r}; channels are {', '.join(recording.channels)}")
+    cleaned = audit_rows(recording, nonfinite, in_place=in_place)
+    findings = list(cleaned.findings)
+    if not any(finding.severity == "refused" for finding in findings):
+        for k, channel in enumerate(cleaned.channels):
+            findings += channel_findings(cleaned, k, limits.get(channel))
+    return replace(cleaned, findings=tuple(findings))
+
+
+def audit_rows(
+    recording: Recording, nonfinite: Nonfinite = "refuse", *, in_place: bool = False
+) -> Recording:
+    """Return the recording as `audit` does, whatever its channels read: they may well stand still.
+
+    Raises
+    ------
+    InputError
+        The recording has an axis of trials.
+    """
+    if recording.data.ndim != 2:
+        raise InputError("audit takes one run, data (n, m), without an axis of trials")
     cleaned, rows = recording, None
     findings = list(recording.findings)
     for check in (_nonfinite_check(nonfinite), order, repeated):
@@ -78,8 +96,6 @@ def audit(
             rows = keep if rows is None else rows[keep]
     for sampled in (gaps, jitter):
         findings += sampled(cleaned)
-    for k, channel in enumerate(cleaned.channels):
-        findings += channel_findings(cleaned, k, limits.get(channel))
     return replace(cleaned, findings=tuple(findings), original=rows)
 
 

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from inercal.errors import InputError
-from inercal.io.audit import Nonfinite, accept, audit
+from inercal.io.audit import Nonfinite, accept, audit, audit_rows
+from inercal.io.counter import from_counter
 from inercal.io.hdf5 import read_hdf5
 from inercal.io.mat import read_mat
 from inercal.io.npz import read_npz
@@ -58,6 +59,8 @@ class Columns:
         Unit of the time column; "sample" for a counter.
     rate_hz : float or None
         Samples per second, where there is no time column or where it counts samples.
+    modulus : int or None
+        Of a counter of samples that begins again at 0: how many it counts.
     label : str or None
         Column that names the section of each sample.
     temperature, temperature_unit : str
@@ -73,7 +76,8 @@ class Columns:
     Raises
     ------
     InputError
-        A unit is none, `rate_hz` is missing or needless, or a column is used twice.
+        A unit is none, `rate_hz` is missing or needless, `modulus` is needless, or a column is used
+        twice.
     """
 
     channels: tuple[tuple[str, str, str], ...]
@@ -86,6 +90,7 @@ class Columns:
     readback: tuple[tuple[str, str, str], ...] = ()
     nonfinite: Nonfinite = "refuse"
     second: tuple[tuple[str, str, str], ...] = ()
+    modulus: int | None = None
 
     def __post_init__(self) -> None:
         for _, _, unit in (*self.channels, *self.second):
@@ -98,6 +103,8 @@ class Columns:
             raise InputError(
                 f"rate_hz and a time column in {self.time_unit!r} are both stated: keep one"
             )
+        if self.modulus is not None and (self.time is None or not counted):
+            raise InputError(f"modulus {self.modulus} is of a time column that counts samples")
         if self.rate_hz is not None and not 0 < self.rate_hz < np.inf:
             raise InputError(f"rate_hz is {self.rate_hz:g}; it must be positive")
         for channels in (self.channels, self.second):  # two files may well use the same names
@@ -193,6 +200,20 @@ def read_recording(
     return accept(audit(recording, columns.nonfinite, limits, in_place=True))
 
 
+def read_readback(path: str | os.PathLike[str], columns: Columns) -> Recording:
+    """Read what a bench says of itself in a file of its own, its axes as channels.
+
+    Rows and times are audited as those of a recording are; an axis may well stand still.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or the audit refuses it.
+    """
+    recording = _recording(Path(path), columns, None)
+    return accept(audit_rows(recording, columns.nonfinite, in_place=True))
+
+
 def _recording(path: Path, columns: Columns, second: Path | None) -> Recording:
     """Return the recording as it stands in the files."""
     if (second is None) != (not columns.second):
@@ -282,6 +303,11 @@ def _time(table: Table, columns: Columns, n: int) -> Array:
     counter = (
         np.arange(n, dtype=np.float64) if columns.time is None else table.numbers(columns.time)
     )
+    if columns.rate_hz is not None and columns.modulus is not None:
+        try:
+            return from_counter(counter, columns.modulus, columns.rate_hz)
+        except InputError as error:
+            raise InputError(f"{table.source}: {error}") from None
     if columns.rate_hz is not None:
         return counter / columns.rate_hz
     return counter * factor(columns.time_unit, like="s")

@@ -2,7 +2,8 @@
 
 import csv
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -35,29 +36,43 @@ def write_recording(recording: Recording, path: str | os.PathLike[str]) -> Colum
         Another suffix, an axis of trials, two columns of one name, or a path that cannot be
         written.
     """
-    target = Path(path)
-    write = _WRITERS.get(target.suffix.lower())
-    if write is None:
-        raise InputError(f"{target} cannot be written; the suffix is one of {', '.join(_WRITERS)}")
     columns = Columns(
         channels=tuple((c, c, u) for c, u in zip(recording.channels, recording.units, strict=True)),
-        time="time",
+        time=recording.time_name,
         label=None if recording.labels is None else recording.label_name,
         temperature=None if recording.temperature is None else "temperature",
         temperature_unit="K",
         readback=tuple((name, name, "1") for name in recording.readback),
     )
-    arrays = _arrays(recording)
-    with atomic_write(target) as temporary:
-        write(temporary, arrays)
+    write_recordings({Path(path): recording})
     return columns
+
+
+def write_recordings(recordings: Mapping[Path, Recording]) -> None:
+    """Write the recordings by their paths as `write_recording` does, all of them or none.
+
+    Raises
+    ------
+    InputError
+        As there.
+    """
+    for path in recordings:
+        if path.suffix.lower() not in _WRITERS:
+            raise InputError(
+                f"{path} cannot be written; the suffix is one of {', '.join(_WRITERS)}"
+            )
+    with ExitStack() as renamed:
+        for path, recording in recordings.items():
+            arrays = _arrays(recording)
+            temporary = renamed.enter_context(atomic_write(path))
+            _WRITERS[path.suffix.lower()](temporary, arrays)
 
 
 def _arrays(recording: Recording) -> dict[str, Column]:
     """Return the columns to write, in order, by name."""
     if recording.data.ndim != 2:
         raise InputError("a file takes one run, data (n, m), without an axis of trials")
-    pairs: list[tuple[str, Column]] = [("time", recording.time)]
+    pairs: list[tuple[str, Column]] = [(recording.time_name, recording.time)]
     pairs += [(name, recording.data[:, k]) for k, name in enumerate(recording.channels)]
     if recording.labels is not None:
         pairs.append((recording.label_name, recording.labels))

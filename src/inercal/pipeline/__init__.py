@@ -31,7 +31,7 @@ from inercal.pipeline.inputs import (
     load_recording,
     readback_columns,
 )
-from inercal.pipeline.simulation import named_as_in, read_out, simulate
+from inercal.pipeline.simulation import named_as_in, read_out, simulate, simulate_files
 from inercal.plan import Step
 from inercal.recording import Finding, Mark, Observations, Recording
 from inercal.runfile import Run, read
@@ -101,8 +101,8 @@ def calibrate(
         The run file, the recording or the marks cannot be used, or coefficients are not observed.
     """
     run = run if isinstance(run, Run) else read(run)
-    sensor, bench = run.sensor, run.bench
-    gathered = _gather(run, bench)
+    sensor, gathered = run.sensor, _gather(run, run.bench)
+    bench = gathered.bench or run.bench
     observations, findings = gathered.observations, gathered.findings
     generations: list[Generation] = []
 
@@ -137,6 +137,7 @@ def calibrate(
         conditions["delay of the gyros"] = text
         note = f"the gyros' samples are {text} later than the accelerometers'"
         estimate = replace(estimate, notes=(note, *estimate.notes))
+    estimate = replace(estimate, notes=(*gathered.notes, *estimate.notes))
     if isinstance(bench, RateTable):
         estimate = replace(
             estimate, notes=(on_table.beside(sensor, estimate, bench, gathered), *estimate.notes)
@@ -276,6 +277,9 @@ def _provenance(run: Run, recording: Recording | None) -> dict[str, str]:
     if (gyros := gyro_file(run)) is not None:
         second["gyro recording"] = str(run.data.gyro_file)
         second["gyro recording sha256"] = sha256_of(gyros)
+    if run.data.table_file is not None:
+        second["readback"] = run.data.table_file
+        second["readback sha256"] = sha256_of(run.file(run.data.table_file))
     return {
         "recording": run.data.file,
         "recording sha256": _digest(run, recording),
@@ -295,4 +299,5 @@ __all__ = [
     "named_as_in",
     "read_out",
     "simulate",
+    "simulate_files",
 ]

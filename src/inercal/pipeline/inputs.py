@@ -4,7 +4,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from inercal.benches import Hand, Turntable
+from inercal.benches import Bench, Hand, Turntable
 from inercal.errors import InputError
 from inercal.io.audit import accept
 from inercal.io.read import Columns, read_recording
@@ -37,6 +37,10 @@ class Gathered:
         Of the bench, in words with units.
     rests : FoundRests or None
         How rests were found, where they were found without a plan.
+    bench : Bench or None
+        Where the data tell more of it than the run file states.
+    notes : tuple of str
+        What the data tell besides, in plain words.
     """
 
     recording: Recording | None
@@ -47,6 +51,8 @@ class Gathered:
     findings: tuple[Finding, ...]
     conditions: dict[str, str] = field(default_factory=dict[str, str])
     rests: FoundRests | None = None
+    bench: Bench | None = None
+    notes: tuple[str, ...] = ()
 
 
 def load_recording(run: Run) -> Recording:
@@ -102,10 +108,18 @@ def columns(run: Run) -> Columns:
         label=None if label is None else str(label),
         temperature=None if data.temperature is None else str(data.temperature),
         temperature_unit=data.temperature_unit,
-        # In units of their columns: `readback_units` makes them SI.
-        readback=tuple((name, column, "1") for name, column in readback_columns(run).items()),
+        readback=() if data.table_file is not None else of_readback(run),
         nonfinite=data.nonfinite,
+        modulus=data.counter_modulus,
     )
+
+
+def of_readback(run: Run) -> tuple[tuple[str, str, str], ...]:
+    """Return name, column and unit of what a bench reads back.
+
+    In units of their columns, "1": `readback_units` makes them SI.
+    """
+    return tuple((name, column, "1") for name, column in readback_columns(run).items())
 
 
 def readback_columns(run: Run) -> dict[str, str]:
@@ -169,10 +183,13 @@ def require_own_columns(run: Run) -> None:
         Naming it.
     """
     kinds = {axis.measures for axis in run.sensor.axes}
-    used = [str(column) for column in run.data.accelerometer] + list(readback_columns(run).values())
-    if "w" in kinds and run.data.gyro_file is None:
-        used += [str(column) for column in run.data.gyro]
-    twice = [column for column, count in Counter(used).items() if count > 1]
+    data, beside = run.data, list(readback_columns(run).values())
+    used = [str(column) for column in data.accelerometer]
+    if "w" in kinds and data.gyro_file is None:
+        used += [str(column) for column in data.gyro]
+    own = data.table_file is not None
+    files = (used, [str(data.table_time), *beside]) if own else (used + beside,)
+    twice = [column for one in files for column, count in Counter(one).items() if count > 1]
     if twice:
         raise InputError(f"{run.path}: [data] names column {twice[0]!r} for two things")
 

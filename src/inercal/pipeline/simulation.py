@@ -1,6 +1,7 @@
 """The run's plan carried out in simulation, and written as the run file reads it."""
 
 from dataclasses import replace
+from math import ceil, floor
 from pathlib import Path
 
 import numpy as np
@@ -8,9 +9,14 @@ import numpy as np
 from inercal.benches import Centrifuge, Hand, RateTable, Turntable
 from inercal.benches.arm_run import perform_on_arm, seconds_on_arm
 from inercal.benches.head_run import perform_on_head
-from inercal.benches.simulate import perform
+from inercal.benches.simulate import Performance, perform
 from inercal.benches.table_run import perform_on_table, seconds_on_table
-from inercal.benches.turntable_run import perform_on_turntable, seconds_on_turntable
+from inercal.benches.turntable_run import (
+    perform_on_turntable,
+    read_at,
+    seconds_on_turntable,
+    travel,
+)
 from inercal.errors import InputError
 from inercal.motion import Motion
 from inercal.pipeline.by_hand import nominal
@@ -19,8 +25,10 @@ from inercal.plan import Index, Position, Rotation, Spin, TableStep
 from inercal.recording import Recording
 from inercal.runfile import Run, read
 from inercal.sensors import Axis, Sensor
+from inercal.units import factor
 
 _ROUNDING = 1e-9
+_BESIDE = 0.5  # s
 _MOST_SAMPLES = 1e8  # of a simulation, all trials together: 5 GB for an IMU
 
 
@@ -41,6 +49,44 @@ def simulate(run: Run | str | Path, seed: int = 0, trials: int | None = None) ->
         No sampling rate, or a truth that names no coefficient.
     """
     run = run if isinstance(run, Run) else read(run)
+    return _simulated(run, np.random.default_rng(seed), seed, trials)[0]
+
+
+def simulate_files(run: Run | str | Path, seed: int = 0) -> dict[str, Recording]:
+    """Simulate what the run file names: its recording, and the table's file if it has its own.
+
+    The table's clock is ahead by the bench's latency, and gains as its clock does.
+
+    Parameters
+    ----------
+    run : Run or path
+    seed : int
+
+    Returns
+    -------
+    dict of str to Recording
+        By the names in [data], the recording first; columns and times are as [data] has them,
+        ready to be written.
+
+    Raises
+    ------
+    InputError
+        As `simulate`.
+    """
+    run = run if isinstance(run, Run) else read(run)
+    if run.data.table_file == run.data.file:
+        raise InputError(f"{run.path}: [data] table_file: a simulation writes a file of its own")
+    rng = np.random.default_rng(seed)
+    recording, done = _simulated(run, rng, seed)
+    files = {run.data.file: named_as_in(run, recording)}
+    if run.data.table_file is not None:
+        files[run.data.table_file] = _table_file(run, done, rng, recording.source)
+    return files
+
+
+def _simulated(
+    run: Run, rng: np.random.Generator, seed: int, trials: int | None = None
+) -> tuple[Recording, Performance]:
     if run.rate_hz is None:
         raise InputError(f"{run.path}: [data] rate is missing; a simulation needs it")
     samples = run.rate_hz * _seconds(run) * (trials or 1)
@@ -49,7 +95,6 @@ def simulate(run: Run | str | Path, seed: int = 0, trials: int | None = None) ->
             f"{run.path}: {samples:.2g} samples are more than a simulation holds in memory, "
             f"{_MOST_SAMPLES:.0e}: lower [data] rate or [method] seconds"
         )
-    rng = np.random.default_rng(seed)
     sensor = run.sensor.with_coefficients(*run.truth)
     bench, rate, several = run.bench, run.rate_hz, trials or 1
     readback: dict[str, np.ndarray] = {}
@@ -72,7 +117,7 @@ def simulate(run: Run | str | Path, seed: int = 0, trials: int | None = None) ->
     if sensor.uses("ai", "ap", "ao"):
         motion = replace(motion, dw=np.gradient(motion.w, 1 / run.rate_hz, axis=-2))
     data = read_out(sensor, motion, c, run.rate_hz, rng, drift)
-    return Recording(
+    recording = Recording(
         time=done.time,
         data=data if trials else data[0],
         channels=sensor.channels,
@@ -80,6 +125,29 @@ def simulate(run: Run | str | Path, seed: int = 0, trials: int | None = None) ->
         labels=done.labels,
         readback=readback,
         source=f"simulation of {run.path.name}, seed {seed}",
+    )
+    return recording, done
+
+
+def _table_file(run: Run, done: Performance, rng: np.random.Generator, source: str) -> Recording:
+    """Return the readback by the table's clock, as its file has it."""
+    bench, data, rate = run.bench, run.data, run.rate_hz
+    assert isinstance(bench, Turntable)
+    assert rate is not None
+    q = {name: values[0] for name, values in done.drawn.items()}
+    first, last = ((t + q["latency"]) / (1 - q["clock"]) for t in (0.0, float(done.time[-1])))
+    # Begun before the recording and ended after it, as by hand.
+    ticks = range(floor((first - _BESIDE) * rate), ceil((last + _BESIDE) * rate) + 1)
+    stamps = np.array(ticks) / rate
+    angles = read_at(bench, travel(bench, _on_turntable(run)), stamps, q, rng)
+    sizes = np.array([readback_units(run)[name] for name in bench.names])
+    return Recording(
+        time=stamps / factor(data.table_time_unit, "s"),
+        data=angles / sizes,
+        channels=tuple(readback_columns(run).values()),
+        units=(data.table_unit,) * len(sizes),
+        source=source,
+        time_name=str(data.table_time),
     )
 
 
@@ -103,17 +171,34 @@ def _seconds(run: Run) -> float:
 
 
 def named_as_in(run: Run, recording: Recording) -> Recording:
-    """Return the recording with the run file's column names, ready to be written as its data."""
+    """Return the recording with columns and times as in the run file's data, to be written."""
     if run.data.gyro_file is not None:
         raise InputError(f"{run.path}: [data] gyro_file: a simulation is one file; leave it out")
     named = {axis: column for axis, column, _ in columns(run).channels}
     readback = {
         column: recording.readback[name] / readback_units(run)[name]
-        for name, column in readback_columns(run).items()
+        for name, column, _ in columns(run).readback
     }
     channels = tuple(named[name] for name in recording.channels)
     label = columns(run).label or recording.label_name
-    return replace(recording, channels=channels, readback=readback, label_name=label)
+    return _timed_as_in(
+        run, replace(recording, channels=channels, readback=readback, label_name=label)
+    )
+
+
+def _timed_as_in(run: Run, recording: Recording) -> Recording:
+    """Return the recording with its times as their column has them: in its unit, or counted."""
+    data, time = run.data, recording.time
+    if data.time is None:
+        return recording
+    if data.time_unit != "sample":
+        time = time / factor(data.time_unit, "s")
+    else:
+        assert run.rate_hz is not None  # a simulation needs it
+        time = np.round(time * run.rate_hz)
+        if data.counter_modulus is not None:
+            time = time % data.counter_modulus
+    return replace(recording, time=time, time_name=str(data.time))
 
 
 def read_out(

@@ -34,6 +34,7 @@ _OWN: Mapping[str, tuple[type[Bench], ...]] = {  # keys of [data] that belong to
     "autocollimator": (DividingHead,),
     "level": (DividingHead,),
     "table": (Turntable,),
+    "table_file": (Turntable,),
 }
 _TRIAD = ("x", "y", "z")
 

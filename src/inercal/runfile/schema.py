@@ -158,6 +158,9 @@ class DataSection(_Section):
     time: str | int | None = None
     time_unit: str = "s"
     rate: str | None = Field(None, examples=["100 Hz"])
+    counter_modulus: int | None = Field(
+        None, ge=3, description="of a time column in 'sample': after so many it begins at 0 again"
+    )
     label: str | int | None = None
     temperature: str | int | None = None
     temperature_unit: str = "°C"
@@ -194,6 +197,29 @@ class DataSection(_Section):
         None, description="on a turntable: columns of the axes' readback, outermost first"
     )
     table_unit: str = "°"
+    table_file: str | None = Field(
+        None,
+        description="the file of that readback, where it has one of its own and its own clock",
+        examples=["table.csv"],
+    )
+    table_time: str | int | None = Field(None, description="in that file: column of time")
+    table_time_unit: str = "s"
+
+    @model_validator(mode="after")
+    def _clocks_have_a_column(self) -> "DataSection":
+        counts = self.time is not None and self.time_unit == "sample"
+        if self.counter_modulus is not None and not counts:
+            raise ValueError(
+                "counter_modulus goes with a counter: name its column, time, and state "
+                'time_unit = "sample"'
+            )
+        if self.table_file is None and self.table_time is not None:
+            raise ValueError("table_time is a column of table_file, which is missing")
+        if self.table_file is not None and self.table_time is None:
+            raise ValueError(
+                'table_file goes with table_time, its column of time, such as table_time = "time"'
+            )
+        return self
 
     @model_validator(mode="after")
     def _means_are_one_table(self) -> "DataSection":

@@ -1,9 +1,9 @@
-"""Times of an IMU on a turntable: from packet counters, and beside the readback's own clock.
+"""The readback of a turntable that has a clock of its own, brought to the IMU's times.
 
-The table's clock says T = o + (1 + d) t when the IMU's says t. Both are found from where rates
-change: each such stretch gives a local offset with its standard deviation
-(`inercal.pipeline.turntable.rates`), and o and d follow by weighted least squares. A latency of the
-readback is part of o: after `aligned` none is left beyond its standard deviation.
+The table's clock says T = t + o + d (t − t₀) when the IMU's says t, with t₀ its first sample. Both
+are found from where rates change: each such stretch gives a local offset with its standard
+deviation (`inercal.pipeline.turntable.rates`), and o and d follow by weighted least squares. A
+latency of the readback is part of o: after `aligned` none is left beyond its standard deviation.
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
 from inercal.benches.turntable import Turntable
@@ -50,7 +50,7 @@ class Aligned:
     angles : (n, k) array
         rad.
     offset, drift : float
-        o, s, and d, relative: T = o + (1 + d) t.
+        o, s, and d, relative: T = t + o + d (t − t₀).
     offset_sd, drift_sd, correlation : float
         Standard deviations, enlarged where the local offsets scatter more than they say, and their
         correlation.
@@ -70,7 +70,12 @@ class Aligned:
 
 
 def aligned(
-    bench: Turntable, time: Array, rates: Array, table_time: Array, angles: Array
+    bench: Turntable,
+    time: Array,
+    rates: Array,
+    table_time: Array,
+    angles: Array,
+    about: float = 0.0,
 ) -> Aligned:
     """Return the readback at the IMU's times, found from both rates.
 
@@ -82,9 +87,11 @@ def aligned(
     rates : (n, 3) array
         Gyros' readings, rad/s, rough in bias, scale and misalignment.
     table_time : (r,) array
-        s, the readback's own clock; offsets within ±1 s and rates within 1000 ppm are found.
+        s, the readback's own clock; rates within 1000 ppm are found.
     angles : (r, k) array
         Readback, rad, counted on over whole turns.
+    about : float
+        s; offsets within ±1 s of it are found.
 
     Returns
     -------
@@ -94,19 +101,22 @@ def aligned(
     Raises
     ------
     InputError
-        Times that do not grow, fewer than two changes of rate, a readback that ends more than 2 s
-        before the readings, or in a turn, or begins so; or no offset at which both go together.
+        Times that do not grow or do not overlap, fewer than two changes of rate, a readback that
+        ends more than 2 s before the readings, or in a turn, or begins so; or no offset at which
+        both go together.
     """
     for name, clock in (("time", time), ("the readback's time", table_time)):
         if clock.size < 20 or (np.diff(clock) <= 0).any():
             raise InputError(f"{name} does not grow from sample to sample; look at its column")
+    origin, shift = float(time[0]), float(time[0]) + about
+    _require_overlap(time + about, table_time)
+    time, table_time = time - origin, table_time - shift
     table, gyros = of_table(bench, table_time, angles), of_gyros(time, rates)
     late, covariance, found = _refined(table, gyros, _search(table, gyros))
     said = np.asarray(time + late[1] + late[0] * time, dtype=float)
     if said[0] < table_time[0] - _BEYOND or said[-1] > table_time[-1] + _BEYOND:
         raise InputError(
-            f"the readback runs from {table_time[0]:.6g} s to {table_time[-1]:.6g} s of its clock, "
-            f"the readings from {said[0]:.6g} s to {said[-1]:.6g} s of it; cut the readings"
+            f"{_spans(table_time + shift, said + shift)} of the table's clock; cut the readings"
         )
     for end, beyond in ((0, said[0] < table_time[0]), (-1, said[-1] > table_time[-1])):
         if beyond and np.linalg.norm(table.rate[end]) > _STANDS:
@@ -117,14 +127,30 @@ def aligned(
     drift_sd, offset_sd = sqrt(covariance[0, 0]), sqrt(covariance[1, 1])
     return Aligned(
         _interpolated(table_time, angles, said),
-        float(late[1]),
+        float(late[1]) + about,
         float(late[0]),
         offset_sd,
         drift_sd,
         float(covariance[0, 1]) / (offset_sd * drift_sd),
-        found.time,
-        found.value,
+        found.time + origin,
+        found.value + about,
         found.sd,
+    )
+
+
+def _require_overlap(said: Array, table_time: Array) -> None:
+    """Refuse times, taken as the table's, that are all before or all after the readback's."""
+    if said[-1] < table_time[0] - FURTHEST or said[0] > table_time[-1] + FURTHEST:
+        raise InputError(
+            f"{_spans(table_time, said)}: they do not overlap; state by how much the table's clock "
+            'is ahead, within 1 s, such as [bench] latency = "12.5 s"'
+        )
+
+
+def _spans(table_time: Array, said: Array) -> str:
+    return (
+        f"the readback runs from {table_time[0]:.6g} s to {table_time[-1]:.6g} s, "
+        f"the readings from {said[0]:.6g} s to {said[-1]:.6g} s"
     )
 
 
@@ -137,7 +163,7 @@ def _refined(table: Smooth, gyros: Smooth, late: Array) -> tuple[Array, Array, O
     if left > _ALIKE * swing:
         raise InputError(
             "the readback's clock: at no offset within ±1 s do readback and gyros turn alike; do "
-            "both belong to one run, and is time in s?"
+            "both belong to one run, and are columns and units, that of time too, as stated?"
         )
     return (*_line(found), found)
 
@@ -227,49 +253,3 @@ def _line(found: Offsets) -> tuple[Array, Array]:
         sd = found.sd * np.maximum(left / (_HUBER * usual), 1.0) ** 0.5
     excess = float(np.sum(((found.value - whole @ line) / sd) ** 2)) / max(found.time.size - 2, 1)
     return line, covariance * max(excess, 1.0)
-
-
-def from_counter(counter: ArrayLike, modulus: int, rate_hz: float) -> Array:
-    """Return the samples' times by their packets' counter: lost packets become gaps in time.
-
-    Parameters
-    ----------
-    counter : (n,) array of int
-        0 to modulus − 1, one more with each packet sent.
-    modulus : int
-        After so many it begins at 0 again; 3 or more. A loss of half of it or more in one stretch
-        cannot be told.
-    rate_hz : float
-
-    Returns
-    -------
-    (n,) array
-        s, from 0 on.
-
-    Raises
-    ------
-    InputError
-        No whole numbers below the modulus, a packet twice or one that is late.
-
-    >>> from_counter([254, 255, 0, 3], 256, 100.0).tolist()
-    [0.0, 0.01, 0.02, 0.05]
-    """
-    read = np.asarray(counter, dtype=float)
-    if modulus < 3 or not rate_hz > 0:
-        raise InputError(f"counter: modulus {modulus} and rate {rate_hz:g} Hz; give 3 or more, > 0")
-    off = np.flatnonzero(~((read >= 0) & (read < modulus) & (read == np.round(read))))
-    if off.size:
-        raise InputError(
-            f"counter: sample {off[0]} has {read[off[0]]:g}; it counts in whole numbers from 0 to "
-            f"{modulus - 1}"
-        )
-    step = np.diff(read) % modulus
-    bad = np.flatnonzero((step == 0) | (2 * step >= modulus))
-    if bad.size:
-        k = int(bad[0])
-        what = "comes twice" if step[k] == 0 else f"follows {read[k]:g}: packets out of order"
-        raise InputError(
-            f"counter: {read[k + 1]:g} at sample {k + 1} {what}, or {modulus // 2} packets or more "
-            f"were lost there ({bad.size} such places); take repeated ones out and sort late ones"
-        )
-    return np.concatenate([[0.0], np.cumsum(step)]) / rate_hz

@@ -15,11 +15,11 @@ from inercal.pipeline.inputs import (
     columns,
     load_recording,
     readback_columns,
-    readback_units,
     require_own_columns,
 )
 from inercal.pipeline.turntable.checks import Columns, require_sound
 from inercal.pipeline.turntable.labels import labelled
+from inercal.pipeline.turntable.readback import Read, told, with_angles
 from inercal.pipeline.turntable.slips import slipped
 from inercal.plan import Position, Rotation, TableStep
 from inercal.recording import Finding, Mark, Recording, Track
@@ -43,7 +43,8 @@ def gather(run: Run, bench: Turntable) -> Gathered:
     """
     _require_track(run)
     require_own_columns(run)
-    recording = _unwrapped(run, load_recording(run), bench)
+    read = with_angles(run, load_recording(run), bench)
+    recording, bench = read.recording, read.bench
     angles = np.stack([recording.readback[name] for name in bench.names], axis=-1)
     holds = find_holds(recording.time, angles, recording.labels, _settling(bench))
     if not len(holds):
@@ -64,7 +65,9 @@ def gather(run: Run, bench: Turntable) -> Gathered:
         steps,
         steps,
         findings,
-        _conditions(bench, steps),
+        _conditions(read, steps),
+        bench=bench,
+        notes=read.notes,
     )
 
 
@@ -95,17 +98,6 @@ def _require_track(run: Run) -> None:
             f"{run.path}: [data] {key}: holds of a turntable are found by its readback; leave it "
             "out"
         )
-
-
-def _unwrapped(run: Run, recording: Recording, bench: Turntable) -> Recording:
-    """Return the recording with the axes' angles in rad, turns counted on."""
-    sizes = readback_units(run)
-    said: dict[str, Array] = {}
-    for name in bench.names:
-        angle = recording.readback[name] * sizes[name]
-        # Turns that are counted already must not be lost where samples are.
-        said[name] = np.unwrap(angle) if np.ptp(angle) <= 2 * pi * (1 + 1e-6) else angle
-    return replace(recording, readback=said)
 
 
 def _settling(bench: Turntable) -> float:
@@ -145,13 +137,14 @@ def _steps(
     return marks, steps
 
 
-def _conditions(bench: Turntable, steps: Sequence[TableStep]) -> dict[str, str]:
-    count = Counter(type(step) for step in steps)
+def _conditions(read: Read, steps: Sequence[TableStep]) -> dict[str, str]:
+    bench, count = read.bench, Counter(type(step) for step in steps)
+    late = {"latency of the readback": readable(bench.latency.value, bench.latency.sd, "ms")}
     return {
         "gravity": readable(bench.gravity.value, bench.gravity.sd, "m/s²"),
         "latitude": f"{degrees(bench.latitude):.6g} °",
         "azimuth at zero angles": readable(bench.azimuth.value, bench.azimuth.sd, "°"),
         "path": f"{count[Position]} holds and {count[Rotation]} turns, found by the readback",
-        "latency of the readback": readable(bench.latency.value, bench.latency.sd, "ms"),
+        **(late if read.clock is None else told(read.clock)),
         "right angles of the axes (k = 1)": readable(bench.square, 0.0, "″"),
     }
