@@ -1,4 +1,4 @@
-"""Times on a turntable: counters, a readback with its own clock, samples lost unnoticed."""
+"""Times on a turntable: a readback with its own clock, samples lost unnoticed."""
 
 from dataclasses import replace
 from functools import cache
@@ -10,7 +10,7 @@ from tests.accuracy import turntable as tt
 
 from inercal.benches.turntable import Turntable
 from inercal.errors import InputError
-from inercal.pipeline.turntable.clock import aligned, from_counter
+from inercal.pipeline.turntable.clock import aligned
 from inercal.pipeline.turntable.slips import slipped, slips
 from inercal.recording import Track
 from inercal.sensors.catalogue import imu
@@ -195,31 +195,3 @@ def test_a_gap_in_time_is_no_slip():
     kept = np.arange(one.time.size) != sample
     noticed = Track(one.time[kept], one.reading[kept], one.angles[kept], one.hold[kept])
     assert slips(noticed, SENSOR, BENCH) == ()
-
-
-def test_times_from_a_counter_have_gaps_where_packets_are_lost():
-    sent = np.arange(5000)
-    kept = np.random.default_rng(2).random(sent.size) > 0.05
-    kept[0] = True
-    for modulus in (16, 256, 65536):
-        times = from_counter(sent[kept] % modulus, modulus, 200.0)
-        np.testing.assert_allclose(times, sent[kept] / 200.0, rtol=0, atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("counter", "modulus", "said"),
-    [
-        ([0, 1, 1, 2], 256, "1 at sample 2 comes twice"),
-        ([0, 1, 3, 2, 4], 256, "2 at sample 3 follows 3: packets out of order"),
-        ([0, 1, 256], 256, "sample 2 has 256"),
-        ([0, 1.5], 256, "sample 1 has 1.5"),
-        ([0, float("nan")], 256, "sample 1 has nan"),
-        ([0, 1], 2, "give 3 or more"),
-    ],
-)
-def test_counters_that_cannot_be_are_refused_in_one_line(
-    counter: list[float], modulus: int, said: str
-):
-    with pytest.raises(InputError, match=said) as caught:
-        from_counter(counter, modulus, 100.0)
-    assert "\n" not in str(caught.value)

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import inercal
-from inercal.io.write import write_recording
-from inercal.pipeline import Outcome, calibrate, named_as_in, simulate
+from inercal.io.write import write_recordings
+from inercal.pipeline import Outcome, calibrate, simulate_files
 from inercal.runfile import read
 
 ROOT = Path(__file__).parents[2]
@@ -64,7 +64,7 @@ def test_every_run_file_of_the_examples_is_run_by_a_test():
     # by tests/test_dividing_head_runs.py
     run |= {"rate_table/ship.toml"}  # by tests/test_rate_table_runs.py
     run |= {"rate_table/ship_recording.toml"}  # by tests/test_rate_table_simulated.py
-    run |= {"turntable/mimu.toml"}
+    run |= {"turntable/mimu.toml", "turntable/two_clocks.toml"}
     run |= {f"dividing_head/{name}.toml" for name in ("pair", "lab", "tumble")}
     assert found == run | {f"ferraris_recordings/{name}.toml" for name in SESSIONS}
 
@@ -77,11 +77,12 @@ def test_six_positions_from_a_table_of_means_agree_with_its_half_sums(examples: 
 
 
 @pytest.mark.parametrize(
-    "name", ["ferraris_simulated/run", "hand_held/simulated", "turntable/mimu"]
+    "name",
+    ["ferraris_simulated/run", "hand_held/simulated", "turntable/mimu", "turntable/two_clocks"],
 )
 def test_the_simulated_session_is_calibrated_to_its_truth(examples: Path, name: str):
     run = read(examples / f"{name}.toml")
-    write_recording(named_as_in(run, simulate(run)), run.file(run.data.file))
+    write_recordings({run.file(name): made for name, made in simulate_files(run).items()})
     calibration = calibrate(run).calibration
     truth = np.array([run.truth.get(name, 0.0) for name in calibration.sensor.coefficients])
     error = calibration.values - truth

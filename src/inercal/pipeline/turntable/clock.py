@@ -34,6 +34,7 @@ _MOVING = np.radians(1)  # rad/s
 _PAUSE = 0.5  # s: moves nearer than this are looked at together
 _MARGIN = 0.2  # s beyond what offset and drift may make
 _ROUNDS = 6
+_FEWEST = 20  # samples
 _HUBER = 1.5  # standard deviations beyond which an offset weighs less
 _MIDDLE = 0.6745  # standard deviations: the median of normal sizes
 _ALIKE = 0.2  # of the readings' changes; what is left if they belong together is far less
@@ -106,7 +107,9 @@ def aligned(
         both go together.
     """
     for name, clock in (("time", time), ("the readback's time", table_time)):
-        if clock.size < 20 or (np.diff(clock) <= 0).any():
+        if clock.size < _FEWEST:
+            raise InputError(f"{name}: {clock.size} samples; {_FEWEST} are needed at least")
+        if (np.diff(clock) <= 0).any():
             raise InputError(f"{name} does not grow from sample to sample; look at its column")
     origin, shift = float(time[0]), float(time[0]) + about
     _require_overlap(time + about, table_time)
@@ -172,13 +175,16 @@ def _local(table: Smooth, gyros: Smooth, late: Array) -> tuple[Offsets, float]:
     """Return local offsets T − t about a line, and what rates beyond them are, rad/s."""
     said = np.asarray(gyros.time + late[1] + late[0] * gyros.time)
     here = _at(table, said)
+    few = (
+        "the readback's clock: fewer than two changes of rate; its offset and rate against the "
+        "sensor's clock take moves at the beginning and at the end of a run"
+    )
+    if np.count_nonzero(here.whole) < _FEWEST:
+        raise InputError(few)
     known = rough(gyros.rate[here.whole], here.rate[here.whole])
     found = offsets(here, gyros, known)
     if len(found.time) < 2:
-        raise InputError(
-            "the readback's clock: fewer than two changes of rate; its offset and rate against "
-            "the sensor's clock take moves at the beginning and at the end of a run"
-        )
+        raise InputError(few)
     time = (found.time - late[1]) / (1 + late[0])  # from the table's clock to the IMU's
     value = found.value + late[1] + late[0] * time
     return Offsets(time, value, found.sd, found.spans), known.sd
@@ -208,7 +214,10 @@ def _search(table: Smooth, gyros: Smooth) -> Array:
     size = np.linalg.norm(gyros.rate - np.median(gyros.rate, axis=0), axis=-1)
     at = np.flatnonzero(speed > _MOVING)
     if not at.size:
-        raise InputError("the readback's clock: the table never turned; nothing tells its offset")
+        raise InputError(
+            "the readback's clock: by the readback the table never turned, and nothing tells an "
+            "offset; look at its columns and unit"
+        )
     cut = np.flatnonzero(np.diff(table.time[at]) > _PAUSE)
     moves = zip(
         table.time[np.concatenate([at[:1], at[cut + 1]])],

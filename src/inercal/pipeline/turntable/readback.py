@@ -11,9 +11,10 @@ from inercal.benches import Turntable
 from inercal.errors import InputError
 from inercal.io.read import Columns, read_readback
 from inercal.pipeline.inputs import of_readback, readback_units
-from inercal.pipeline.turntable.clock import Aligned, aligned
+from inercal.pipeline.turntable.clock import FURTHEST, Aligned, aligned
 from inercal.recording import Recording
 from inercal.runfile import Run
+from inercal.runfile.build import si_value
 from inercal.units import Measured, readable
 
 Array = NDArray[np.float64]
@@ -47,17 +48,21 @@ class Read:
         """What was found of the table's clock, in plain words."""
         if self.clock is None:
             return ()
-        offset, drift = told(self.clock).values()
+        one = self.clock
+        offset, drift = told(replace(one, offset=abs(one.offset), drift=abs(one.drift))).values()
+        where = "ahead of" if one.offset > 0 else "behind"
         return (
-            f"the table's clock is {offset} ahead of the sensor's at the first sample and gains "
-            f"{drift}; the readback was brought to the sensor's times",
+            f"the table's clock is {offset} {where} the sensor's at the first sample and "
+            f"{'gains' if one.drift > 0 else 'loses'} {drift}; the readback was brought to the "
+            "sensor's times",
         )
 
 
 def told(clock: Aligned) -> dict[str, str]:
     """Return offset and drift of a table's clock in words with units, k = 1."""
+    unit = "ms" if abs(clock.offset) < FURTHEST else "s"
     return {
-        "table's clock ahead (k = 1)": readable(clock.offset, clock.offset_sd, "ms"),
+        "table's clock ahead (k = 1)": readable(clock.offset, clock.offset_sd, unit),
         "table's clock gains (k = 1)": readable(clock.drift, clock.drift_sd, "ppm"),
     }
 
@@ -103,6 +108,7 @@ def _read(run: Run) -> Recording:
     """Return the table's file: its axes as channels, in units of their columns."""
     data = run.data
     assert data.table_file is not None
+    si_value(f"1 {data.table_time_unit}", "s", f"{run.path}: [data] table_time_unit")
     columns = Columns(
         channels=of_readback(run),
         time=str(data.table_time),

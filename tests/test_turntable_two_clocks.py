@@ -1,0 +1,342 @@
+"""Run files on a turntable whose readback has a file and a clock of its own."""
+
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.accuracy import turntable as tt
+from tests.methods.turntable_drawn import truth as drawn_truth
+from tests.runfile.texts import changed
+
+from inercal.cli.app import app, main
+from inercal.errors import InputError
+from inercal.io.write import write_recordings
+from inercal.pipeline import apply, calibrate, simulate_files
+from inercal.recording import Recording
+from inercal.runfile import Run, read
+
+EXAMPLE = Path(__file__).parents[1] / "examples" / "turntable"
+NPZ = (('"mimu_packets.csv"', '"imu.npz"'), ('"table.csv"', '"table.npz"'))
+STEADY = (('clock = "50 ppm"', 'clock = "0 ppm"'),)
+LOST = 1e-3  # of the packets
+OFFSET, DRIFT = 0.3, 50e-6
+Change = tuple[str, str]
+Files = dict[str, Recording]
+
+
+def run_of(folder: Path, *changes: Change) -> Run:
+    text = (EXAMPLE / "two_clocks.toml").read_text(encoding="utf-8")
+    shutil.copy(EXAMPLE / "path.csv", folder)
+    path = folder / "two_clocks.toml"
+    path.write_text(changed(text, *changes), encoding="utf-8")
+    return read(path)
+
+
+def lossy(files: Files, seed: int = 0) -> Files:
+    """Lose packets, as their counter tells."""
+    (name, whole), *others = files.items()
+    kept = np.random.default_rng(seed).random(whole.time.size) > LOST
+    kept[0] = True
+    return {name: whole.take(kept), **dict(others)}
+
+
+def gaining(files: Files) -> Files:
+    """Let the table's clock run fast."""
+    table = files["table.npz"]
+    return {**files, "table.npz": replace(table, time=table.time * (1 + DRIFT))}
+
+
+def recorded(run: Run, seed: int = 0, change: Callable[[Files], Files] = lossy) -> Run:
+    made = change(simulate_files(run, seed))
+    write_recordings({run.file(name): one for name, one in made.items()})
+    return run
+
+
+def truth(run: Run) -> np.ndarray:
+    return np.array([run.truth.get(name, 0.0) for name in run.sensor.coefficients])
+
+
+def test_offset_and_drift_are_found_and_told(tmp_path: Path):
+    run = recorded(run_of(tmp_path, *NPZ, *STEADY), 0, lambda files: lossy(gaining(files)))
+    outcome = calibrate(run)
+    (note,) = (line for line in outcome.verdict if "clock" in line)
+    words = note.split()
+    offset, drift = float(words[4]), float(words[words.index("gains") + 1])
+    offset_sd, drift_sd = float(words[6]), float(words[words.index("gains") + 3])
+    assert abs(offset - OFFSET * (1 + DRIFT) * 1e3) < 3 * offset_sd < 0.15  # ms
+    assert abs(drift - DRIFT * 1e6) < 3 * drift_sd < 1.5  # ppm
+    assert "ms ahead of the sensor's at the first sample and gains" in note
+    conditions = outcome.calibration.conditions
+    assert conditions["table's clock ahead (k = 1)"] in note
+    assert conditions["table's clock gains (k = 1)"] in note
+    assert "latency of the readback" not in conditions
+    assert outcome.calibration.provenance["readback"] == "table.npz"
+    assert len(outcome.calibration.provenance["readback sha256"]) == 64
+
+
+def test_lost_packets_are_gaps_that_a_finding_counts(tmp_path: Path):
+    run = recorded(run_of(tmp_path, *NPZ))
+    sent = round(calibrate(recorded(run, change=lambda files: files)).recording.duration * 100) + 1
+    outcome = calibrate(recorded(run))
+    assert outcome.recording is not None
+    lost = sent - outcome.recording.time.size
+    assert lost > 10
+    said = [finding.message for finding in outcome.findings if finding.what == "gap"]
+    assert any(f": {lost} samples lost, {lost / 100:.3g} s in all" in text for text in said)
+    assert not any(finding.what == "slip" for finding in outcome.findings)
+
+
+def test_two_clocks_give_what_one_gives(tmp_path: Path):
+    """Within a part of the uncertainty: the noise of the readback is another one, and packets miss.
+
+    Truth lies within U as in a file of one clock: a filter that took the offset as exact, or left
+    1 ms of it, would not pass.
+    """
+    off: list[np.ndarray] = []
+    for seed in range(6):
+        two = run_of(tmp_path, *NPZ)
+        one = run_of(
+            tmp_path,
+            ('"mimu_packets.csv"', '"one.npz"'),
+            ('time = "packet"', 'time = "time"'),
+            ('time_unit = "sample"\n', ""),
+            ("counter_modulus = 256\n", ""),
+            ('table_file = "table.csv"\n', ""),
+            ('table_time = "time"\n', ""),
+            ('latency = "0.3 s"', 'latency = "0 ms ± 5 ms"'),
+            ('clock = "50 ppm"', 'clock = "0 ppm"'),
+        )
+        made = calibrate(recorded(two, seed)).calibration
+        same = calibrate(recorded(one, seed, lambda files: files)).calibration
+        np.testing.assert_allclose(made.std, same.std, rtol=0.01)
+        apart = (made.values - same.values) / same.std
+        assert np.sqrt(np.mean(apart**2)) < 0.3
+        off.append((made.values - truth(two)) / made.std)
+    assert 0.9 <= np.mean(np.abs(off) < 2) <= 1.0
+    assert 0.7 < np.sqrt(np.mean(np.square(off))) < 1.15
+
+
+DENSE = 10
+PATH = [("warm-up", (0, 0, 0), 30.0), *tt.positions(10), *tt.turns(1080, 30, back=True)]
+UNITS = (
+    ('unit = "g"', 'unit = "m/s²"'),
+    ('unit = "°/s"', 'unit = "rad/s"'),
+    ('path = "path.csv"', ""),
+    ('harmonics = ["2 ″", "1 ″"]', "harmonics = []"),
+    ('"9.80123 m/s² ± 10 µm/s²"', '"9.80665 m/s²"'),
+    ("table = [", 'table_unit = "rad"\ntable = ['),
+)
+
+
+def generated(seed: int) -> tuple[tt.Draw, Files]:
+    """Return a run of the independent generator, the table by a clock of its own."""
+    grade = replace(tt.T, arw=tt.T.arw / DENSE**0.5, vrw=tt.T.vrw / DENSE**0.5)
+    table = replace(tt.Table(), harmonics=(0.0, 0.0), white=0.0, latency=0.0)
+    made = tt.draw(seed, 1, PATH, grade, table, hz=DENSE * 100.0)
+    reading = np.concatenate([made.forces[0], made.rates[0]], axis=-1)[::DENSE]
+    names = ("ax", "ay", "az", "gx", "gy", "gz")
+    units = ("m/s²",) * 3 + ("rad/s",) * 3
+    count = np.arange(len(reading)) % 256.0
+    stamps = np.arange(-0.5, made.time[-1] + 1, 0.01)
+    t = (stamps - OFFSET) / (1 + DRIFT)
+    angles = np.stack([np.interp(t, made.time, one) for one in made.true.T], axis=-1)
+    angles += tt.Table().white * np.random.default_rng(seed).standard_normal(angles.shape)
+    axes = ("outer", "middle", "inner")
+    imu = Recording(count, reading, names, units, made.labels[::DENSE], time_name="packet")
+    return made, {
+        "imu.npz": replace(imu, label_name="step"),
+        "table.npz": Recording(stamps, angles, axes, ("rad",) * 3),
+    }
+
+
+def test_of_an_independent_generator_errors_are_as_large_as_stated(tmp_path: Path):
+    run, seeds = run_of(tmp_path, *NPZ, *UNITS), range(1, 7)
+    total = 0.0
+    for seed in seeds:
+        made, files = generated(seed)
+        write_recordings({run.file(name): one for name, one in lossy(files, seed).items()})
+        found = calibrate(run).calibration
+        error = found.values - drawn_truth(made, found.sensor.coefficients)[0]
+        total += error @ np.linalg.solve(found.covariance, error)
+    assert 97 < total < 202  # 0.1 % points of χ² with 144 degrees of freedom
+
+
+def test_without_labels_the_plan_names_the_steps(tmp_path: Path):
+    run = recorded(run_of(tmp_path, *NPZ, ('label = "step"\n', "")))
+    labels = calibrate(run).observations.labels
+    assert labels == tuple(step.label for step in run.steps)
+
+
+def test_a_calibration_corrects_the_recording_alone(tmp_path: Path):
+    run = recorded(run_of(tmp_path, *NPZ))
+    corrected = apply(calibrate(run).calibration, run)
+    assert np.linalg.norm(corrected.data[500:2500, :3].mean(axis=0)) == pytest.approx(9.8, abs=2e-3)
+    assert not corrected.readback
+
+
+def test_clocks_far_apart_need_their_offset_stated(tmp_path: Path):
+    """Sensors count from when they are switched on, tables from a midnight."""
+
+    def at_noon(files: Files) -> Files:
+        table = files["table.npz"]
+        return {**files, "table.npz": replace(table, time=table.time + 43_200e3)}
+
+    unit = ('table_time = "time"', 'table_time = "time"\ntable_time_unit = "ms"')
+    refused(
+        recorded(run_of(tmp_path, *NPZ, unit), 0, at_noon),
+        "from 43199.8 s to 43436.8 s, the readings from 0.3 s to .* they do not overlap; state by",
+    )
+    stated = ('latency = "0.3 s"', 'latency = "43200 s"')
+    assert any(
+        "43200.3" in line for line in calibrate(run_of(tmp_path, *NPZ, unit, stated)).verdict
+    )
+
+
+def refused(run: Run, words: str) -> None:
+    with pytest.raises(InputError, match=words) as refusal:
+        calibrate(run)
+    assert "\n" not in str(refusal.value)
+    assert str(refusal.value).startswith(f"{run.path}: [data] table_file: ")
+
+
+def on_table(change: Callable[[Recording], Recording]) -> Callable[[Files], Files]:
+    return lambda files: {**files, "table.npz": change(files["table.npz"])}
+
+
+def with_value(name: str, at: int, value: float) -> Callable[[Recording], Recording]:
+    def change(table: Recording) -> Recording:
+        time, data = table.time.copy(), table.data.copy()
+        place = time if name == "time" else data[:, table.channels.index(name)]
+        place[at] = value
+        return replace(table, time=time, data=data)
+
+    return change
+
+
+def without(first: float, last: float) -> Callable[[Recording], Recording]:
+    return lambda table: table.take((table.time < first) | (table.time > last))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (with_value("time", 700, 1.0), "table.npz: time goes back by .* at sample 700"),
+        (with_value("time", 700, np.nan), "without a finite number, the first time at sample 700"),
+        (
+            with_value("inner", 700, np.inf),
+            "without a finite number, the first inner at sample 700",
+        ),
+        (without(150.0, 151.0), "no reading for 1.02 s after .* while the table turns"),
+        (without(150.0, 1e9), "the readback ends while the table turns|readback runs from"),
+        (
+            lambda table: replace(table, time=table.time - 120),
+            "at no offset|fewer than two changes",
+        ),
+        (lambda table: replace(table, data=table.data[::-1]), "at no offset within ±1 s do"),
+        (lambda table: replace(table, data=0 * table.data), "the table never turned"),
+    ],
+    ids=["back", "nan", "inf", "gap", "short", "late", "reversed", "still"],
+)
+def test_a_readback_that_does_not_go_with_the_readings_is_refused(
+    tmp_path: Path, change: Callable[[Recording], Recording], words: str
+):
+    refused(recorded(run_of(tmp_path, *NPZ), 0, on_table(change)), words)
+
+
+def test_a_file_of_the_readback_that_cannot_be_read_is_refused(tmp_path: Path):
+    run = recorded(run_of(tmp_path, NPZ[0]))
+    table = run.file("table.csv")
+    whole = table.read_bytes()
+    table.write_bytes(whole[: len(whole) // 2 - 20])
+    refused(
+        run, r"table.csv line \d+: . columns? where the header has 4; the file may be truncated"
+    )
+    table.write_bytes(b"")
+    refused(run, "table.csv")
+    table.unlink()
+    refused(run, "table.csv cannot be read: No such file")
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ((('"middle", "inner"]', '"middle"]'),), "table: name the column of each axis"),
+        ((('"middle", "inner"]', '"middle", "tilt"]'),), "table.csv has no column 'tilt'"),
+        ((('"middle", "inner"]', '"middle", "time"]'),), "names column 'time' for two things"),
+        ((('table_file = "table.csv"\n', ""),), "table_time is a column of table_file, which"),
+        ((('table_time = "time"\n', ""),), "table_file goes with table_time, its column of time"),
+        ((('table_time = "time"', 'table_time = "clock"'),), "table.csv has no column 'clock'"),
+        (
+            (('table_time = "time"', 'table_time = "time"\ntable_time_unit = "sample"'),),
+            r"\[data\] table_time_unit: ",
+        ),
+        ((("_modulus = 256", "_modulus = 2"),), "counter_modulus: 2; it must be 3 or more"),
+        (
+            (("_modulus = 256", "_modulus = 200"),),
+            "counter: sample 200 has 200; it counts in whole",
+        ),
+        (
+            (("_modulus = 256", "_modulus = 65536"),),
+            r"after 255 it begins again at 0 \(sample 256\), so that its modulus is 256, not 65536",
+        ),
+        ((('time_unit = "sample"\n', ""),), "counter_modulus goes with a counter: name its column"),
+        ((('rate = "100 Hz"\n', ""),), r"\[data\] rate is missing"),
+    ],
+)
+def test_run_files_that_cannot_be_are_refused(
+    tmp_path: Path, changes: tuple[Change, ...], words: str
+):
+    recorded(run_of(tmp_path), change=lambda files: files)
+    with pytest.raises(InputError, match=words) as refusal:
+        calibrate(run_of(tmp_path, *changes))
+    assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("order", "words"),
+    [([0, 1, 2, 2, 3], "2 at sample 3 comes twice"), ([0, 1, 3, 2, 4], "packets out of order")],
+)
+def test_packets_twice_or_out_of_order_are_refused(tmp_path: Path, order: list[int], words: str):
+    def shuffled(files: Files) -> Files:
+        imu = files["imu.npz"]
+        return {**files, "imu.npz": imu.take(np.r_[order, 5 : imu.time.size])}
+
+    run = recorded(run_of(tmp_path, *NPZ), 0, shuffled)
+    with pytest.raises(InputError, match=f"imu.npz: counter: .*{words}"):
+        calibrate(run)
+
+
+def test_the_verbs_go_from_two_files_to_a_calibration(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    run = run_of(tmp_path)
+
+    def said(*words: str) -> str:
+        app(list(words), standalone_mode=False)
+        return capsys.readouterr().out
+
+    made = json.loads(said("simulate", str(run.path), "--json"))
+    assert made["recording"] == str(tmp_path / "mimu_packets.csv")
+    assert made["readback"] == str(tmp_path / "table.csv")
+    assert made["seconds"] == pytest.approx((made["samples"] - 1) / 100)
+    head = (tmp_path / "mimu_packets.csv").read_text(encoding="utf-8").splitlines()[0]
+    assert head == "packet,ax,ay,az,gx,gy,gz,step"
+    assert "ahead of the sensor's" in said("calibrate", str(run.path), "--out", str(tmp_path))
+    (tmp_path / "mimu_packets.csv").unlink()
+    with pytest.raises(InputError, match=r"table\.csv exists: name another"):
+        said("simulate", str(run.path))
+    assert not (tmp_path / "mimu_packets.csv").exists()
+    (tmp_path / "table.csv").unlink()
+    (tmp_path / "table.csv").mkdir()
+    with pytest.raises(InputError, match=r"table\.csv is a folder"):
+        said("simulate", str(run.path), "--force")
+    assert not (tmp_path / "mimu_packets.csv").exists()
+    monkeypatch.setattr("sys.argv", ["inercal", "calibrate", str(run.path)])
+    with pytest.raises(SystemExit) as stopped:
+        main()
+    assert stopped.value.code == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
