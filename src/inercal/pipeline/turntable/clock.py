@@ -38,8 +38,25 @@ _FEWEST = 20  # samples
 _HUBER = 1.5  # standard deviations beyond which an offset weighs less
 _MIDDLE = 0.6745  # standard deviations: the median of normal sizes
 _ALIKE = 0.2  # of the readings' changes; what is left if they belong together is far less
+_ALIKE_SPEEDS = 0.9  # correlation
 _STANDS = np.radians(0.1)  # rad/s
 _BEYOND = 2.0  # s of IMU times before or after the readback's
+
+
+class NotAlike(InputError):
+    """Readback and gyros turn when the other does, but not alike; or the readback stands still.
+
+    Parameters
+    ----------
+    message : str
+    angles : (n, k) array
+        Readback at the IMU's times as near as speeds alone tell, rad: columns that are exchanged
+        show in it.
+    """
+
+    def __init__(self, message: str, angles: Array) -> None:
+        super().__init__(message)
+        self.angles = angles
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,9 +119,11 @@ def aligned(
     Raises
     ------
     InputError
-        Times that do not grow or do not overlap, fewer than two changes of rate, a readback that
-        ends more than 2 s before the readings, or in a turn, or begins so; or no offset at which
-        both go together.
+        Times that do not grow, fewer than two changes of rate, a readback that lacks more than 2 s
+        at either end of the readings, or begins or ends in a turn; or no offset at which
+        both turn at the same times.
+    NotAlike
+        They do, but not alike: columns or units are others.
     """
     for name, clock in (("time", time), ("the readback's time", table_time)):
         if clock.size < _FEWEST:
@@ -112,15 +131,28 @@ def aligned(
         if (np.diff(clock) <= 0).any():
             raise InputError(f"{name} does not grow from sample to sample; look at its column")
     origin, shift = float(time[0]), float(time[0]) + about
-    _require_overlap(time + about, table_time)
+    reach = FURTHEST + FASTEST * float(time[-1] - time[0])
+    _require_span(time + about, table_time, reach)
     time, table_time = time - origin, table_time - shift
     table, gyros = of_table(bench, table_time, angles), of_gyros(time, rates)
-    late, covariance, found = _refined(table, gyros, _search(table, gyros))
-    said = np.asarray(time + late[1] + late[0] * time, dtype=float)
-    if said[0] < table_time[0] - _BEYOND or said[-1] > table_time[-1] + _BEYOND:
-        raise InputError(
-            f"{_spans(table_time + shift, said + shift)} of the table's clock; cut the readings"
+    if (near := _search(table, gyros)) is None:
+        raise NotAlike(
+            "the readback's clock: by the readback the table never turned, and nothing tells an "
+            "offset; look at its columns and unit",
+            _interpolated(table_time, angles, time),
         )
+    refined = _refined(table, gyros, near)
+    if refined is None:
+        words = (
+            "the readback's clock: at no offset within ±1 s do readback and gyros turn alike; do "
+            "both belong to one run, and are columns and units, that of time too, as stated?"
+        )
+        if not _together(table, gyros, near):
+            raise InputError(words)
+        raise NotAlike(words, _interpolated(table_time, angles, time + near[1] + near[0] * time))
+    late, covariance, found = refined
+    said = np.asarray(time + late[1] + late[0] * time, dtype=float)
+    _require_span(said + shift, table_time + shift, 0.0)
     for end, beyond in ((0, said[0] < table_time[0]), (-1, said[-1] > table_time[-1])):
         if beyond and np.linalg.norm(table.rate[end]) > _STANDS:
             raise InputError(
@@ -141,34 +173,28 @@ def aligned(
     )
 
 
-def _require_overlap(said: Array, table_time: Array) -> None:
-    """Refuse times, taken as the table's, that are all before or all after the readback's."""
-    if said[-1] < table_time[0] - FURTHEST or said[0] > table_time[-1] + FURTHEST:
-        raise InputError(
-            f"{_spans(table_time, said)}: they do not overlap; state by how much the table's clock "
-            'is ahead, within 1 s, such as [bench] latency = "12.5 s"'
-        )
-
-
-def _spans(table_time: Array, said: Array) -> str:
-    return (
-        f"the readback runs from {table_time[0]:.6g} s to {table_time[-1]:.6g} s, "
-        f"the readings from {said[0]:.6g} s to {said[-1]:.6g} s"
+def _require_span(said: Array, table_time: Array, reach: float) -> None:
+    """Refuse readings whose times, by the table's clock but for `reach`, the readback lacks."""
+    slack = reach + _BEYOND
+    if table_time[0] - slack <= said[0] and said[-1] <= table_time[-1] + slack:
+        return
+    raise InputError(
+        f"the readback runs from {table_time[0]:.6g} s to {table_time[-1]:.6g} s, the readings "
+        f"from {said[0]:.6g} s to {said[-1]:.6g} s of the table's clock; cut the readings, or "
+        'state by how much its clock is ahead, within 1 s, such as [bench] latency = "12.5 s"'
     )
 
 
-def _refined(table: Smooth, gyros: Smooth, late: Array) -> tuple[Array, Array, Offsets]:
-    """Return drift and offset, (2,), their covariance, and the local offsets T − t."""
+def _refined(table: Smooth, gyros: Smooth, late: Array) -> tuple[Array, Array, Offsets] | None:
+    """Return drift and offset, (2,), their covariance, and the local offsets T − t.
+
+    None where the rates are not alike.
+    """
     for _ in range(_ROUNDS - 1):
         late = _line(_local(table, gyros, late)[0])[0]
     found, left = _local(table, gyros, late)
     swing = float(np.std(gyros.rate - gyros.rate.mean(axis=0)))
-    if left > _ALIKE * swing:
-        raise InputError(
-            "the readback's clock: at no offset within ±1 s do readback and gyros turn alike; do "
-            "both belong to one run, and are columns and units, that of time too, as stated?"
-        )
-    return (*_line(found), found)
+    return None if left > _ALIKE * swing else (*_line(found), found)
 
 
 def _local(table: Smooth, gyros: Smooth, late: Array) -> tuple[Offsets, float]:
@@ -208,16 +234,16 @@ def _at(table: Smooth, said: Array) -> Smooth:
     return Smooth(said, rate, change, whole)
 
 
-def _search(table: Smooth, gyros: Smooth) -> Array:
-    """Return drift and offset, (2,), from the speeds of each move; good to some 10 ms."""
+def _search(table: Smooth, gyros: Smooth) -> Array | None:
+    """Return drift and offset, (2,), from the speeds of each move; good to some 10 ms.
+
+    None where nothing moves.
+    """
     speed = np.linalg.norm(table.rate, axis=-1)
     size = np.linalg.norm(gyros.rate - np.median(gyros.rate, axis=0), axis=-1)
     at = np.flatnonzero(speed > _MOVING)
     if not at.size:
-        raise InputError(
-            "the readback's clock: by the readback the table never turned, and nothing tells an "
-            "offset; look at its columns and unit"
-        )
+        return None
     cut = np.flatnonzero(np.diff(table.time[at]) > _PAUSE)
     moves = zip(
         table.time[np.concatenate([at[:1], at[cut + 1]])],
@@ -239,6 +265,13 @@ def _search(table: Smooth, gyros: Smooth) -> Array:
         return np.array([0.0, np.median(lates[1:])])
     line = np.polyfit(np.array(middles[1:]) - np.array(lates[1:]), lates[1:], 1)
     return np.asarray(line, dtype=float)
+
+
+def _together(table: Smooth, gyros: Smooth, late: Array) -> bool:
+    """Return whether one turns when the other does, whatever about."""
+    said = gyros.time + late[1] + late[0] * gyros.time
+    speeds = [np.linalg.norm(one.rate, axis=-1) for one in (_at(table, said), gyros)]
+    return float(np.corrcoef(*speeds)[0, 1]) > _ALIKE_SPEEDS
 
 
 def _miss(time: Array, size: Array, at: Array, seen: Array) -> float:

@@ -11,7 +11,7 @@ from inercal.benches import Turntable
 from inercal.errors import InputError
 from inercal.io.read import Columns, read_readback
 from inercal.pipeline.inputs import of_readback, readback_units
-from inercal.pipeline.turntable.clock import FURTHEST, Aligned, aligned
+from inercal.pipeline.turntable.clock import FURTHEST, Aligned, NotAlike, aligned
 from inercal.recording import Recording
 from inercal.runfile import Run
 from inercal.runfile.build import si_value
@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 # so that they do not count twice.
 _LOOSER = 3.0
 _LONG = 0.5  # s without a reading: no cubic goes through a change of rate in it
+_SLOWEST = 0.0505  # s between readings: 20 a second and their jitter
 _MOVED = np.radians(0.1)
 
 
@@ -73,7 +74,9 @@ def with_angles(run: Run, recording: Recording, bench: Turntable) -> Read:
     Raises
     ------
     InputError
-        The file of the readback cannot be used, or does not go with the recording.
+        The file of the readback cannot be used.
+    NotAlike
+        It does not go with the recording.
     """
     sizes = readback_units(run)
     if run.data.table_file is None:
@@ -83,12 +86,15 @@ def with_angles(run: Run, recording: Recording, bench: Turntable) -> Read:
     by_name = dict(zip(table.channels, table.data.T, strict=True))
     said = _counted_on(by_name, bench, sizes)
     angles = np.stack([said[name] for name in bench.names], axis=-1)
+    where = f"{run.path}: [data] table_file: {run.data.table_file}"
     try:
         _require_readings(table.time, angles)
         rates = _rates(run, recording)
         found = aligned(bench, recording.time, rates, table.time, angles, bench.latency.value)
+    except NotAlike as error:
+        raise NotAlike(f"{where}: {error}", error.angles) from None
     except InputError as error:
-        raise InputError(f"{run.path}: [data] table_file: {run.data.table_file}: {error}") from None
+        raise InputError(f"{where}: {error}") from None
     # What a finding says of samples is of the other file.
     findings = [
         replace(one, message=f"{table.source}: {one.message}", start=None, stop=None)
@@ -143,7 +149,13 @@ def _rates(run: Run, recording: Recording) -> Array:
 
 
 def _require_readings(time: Array, angles: Array) -> None:
-    """Refuse a readback that says nothing for long while the table turns."""
+    """Refuse a readback that says too little, always or for a while, of how the table turns."""
+    step = float(np.median(np.diff(time)))
+    if step > _SLOWEST:
+        raise InputError(
+            f"{1 / step:.3g} readings a second; 20 are needed at least, for moves to begin and end "
+            "where they do"
+        )
     at = np.flatnonzero(np.diff(time) > _LONG)
     moved = np.abs(angles[at + 1] - angles[at]).max(axis=-1, initial=0.0)
     lost = at[moved > _MOVED]

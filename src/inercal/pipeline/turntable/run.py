@@ -18,6 +18,7 @@ from inercal.pipeline.inputs import (
     require_own_columns,
 )
 from inercal.pipeline.turntable.checks import Columns, require_sound
+from inercal.pipeline.turntable.clock import NotAlike
 from inercal.pipeline.turntable.labels import labelled
 from inercal.pipeline.turntable.readback import Read, told, with_angles
 from inercal.pipeline.turntable.slips import slipped
@@ -43,7 +44,13 @@ def gather(run: Run, bench: Turntable) -> Gathered:
     """
     _require_track(run)
     require_own_columns(run)
-    read = with_angles(run, load_recording(run), bench)
+    recording = load_recording(run)
+    try:
+        read = with_angles(run, recording, bench)
+    except NotAlike as error:
+        holds = find_holds(recording.time, error.angles, None, _settling(bench))
+        _checked(run, _track(run, recording, error.angles, holds), bench)
+        raise  # what the checks know better they have said
     recording, bench = read.recording, read.bench
     angles = np.stack([recording.readback[name] for name in bench.names], axis=-1)
     holds = find_holds(recording.time, angles, recording.labels, _settling(bench))
