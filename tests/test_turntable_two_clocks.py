@@ -136,7 +136,7 @@ def generated(seed: int) -> tuple[tt.Draw, Files]:
     reading = np.concatenate([made.forces[0], made.rates[0]], axis=-1)[::DENSE]
     names = ("ax", "ay", "az", "gx", "gy", "gz")
     units = ("m/s²",) * 3 + ("rad/s",) * 3
-    count = np.arange(len(reading)) % 256.0
+    count = np.array([float(k % 256) for k in range(len(reading))])
     stamps = np.array(range(-50, round(100 * made.time[-1]) + 100)) / 100
     t = (stamps - OFFSET) / (1 + DRIFT)
     angles = np.stack([np.interp(t, made.time, one) for one in made.true.T], axis=-1)
