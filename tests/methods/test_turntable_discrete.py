@@ -7,7 +7,7 @@ from math import radians
 import numpy as np
 import pytest
 from tests.accuracy import turntable as made_by
-from tests.methods.turntable_drawn import (
+from tests.methods.turntable_cases import (
     BENCH,
     Array,
     Score,

@@ -12,7 +12,6 @@ from tests.accuracy.turntable_filters import accelerometer as dense_acceleromete
 from tests.accuracy.turntable_filters import gyro as dense_gyro
 from tests.methods.turntable_cases import (
     ARCSEC,
-    DEG_MIN,
     bench,
     columns,
     observations,
@@ -24,7 +23,8 @@ from tests.methods.turntable_cases import (
 
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gaussian, NullDirection
-from inercal.methods.turntable_kalman import METHOD, model
+from inercal.methods.turntable import model
+from inercal.methods.turntable_kalman import METHOD
 from inercal.methods.turntable_kalman.accelerometers import Accelerometers
 from inercal.methods.turntable_kalman.gyros import Gyros
 from inercal.recording import Track
@@ -184,7 +184,7 @@ def test_a_readback_20_ms_late_is_a_state_or_an_error(estimator: str):
     estimate = METHOD.estimator(estimator)(observations(made), sensor(), bench(late), ())
     names = [name for name in sensor().coefficients if name[0] == "g"]
     found = estimate.select(names)
-    judged = score(found.value - truth(made, names), found.stated_covariance, names, DEG_MIN)
+    judged = score(found.value - truth(made, names), found.stated_covariance, names, "g")
     assert judged.cross < 9 if estimator == "full" else judged.cross > 15
     assert judged.nees < 2.5 if estimator == "full" else judged.nees > 5
 
@@ -198,7 +198,7 @@ def test_sensitivity_to_acceleration_is_found_or_shows():
         estimate = METHOD.estimator("full")(seen, chosen, bench(), ())
         names = [n for n in chosen.coefficients if n[0] == "g" and ".g_" not in n]
         found = estimate.select(names)
-        judged = score(found.value - truth(made, names), found.stated_covariance, names, DEG_MIN)
+        judged = score(found.value - truth(made, names), found.stated_covariance, names, "g")
         assert (judged.nees < 2) == honest
         if also:
             told = [n for n in chosen.coefficients if ".g_" in n]

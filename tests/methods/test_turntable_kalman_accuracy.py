@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 from tests.accuracy import turntable
 from tests.methods.turntable_cases import (
     ARCSEC,
-    DEG_MIN,
     FAST,
-    MICRO_G,
     Score,
     bench,
     columns,
@@ -95,7 +93,7 @@ def judged(name: str, rows: Sequence[tuple[Array, Array, Array]]) -> Score:
     by = columns(names)
     off = np.array([theta - truth @ by for theta, _, truth in rows])
     covariance = np.array([one for _, one, _ in rows])
-    return score(off, covariance, names, DEG_MIN if name[0] == "g" else MICRO_G)
+    return score(off, covariance, names, name[0])
 
 
 def band(parameters: int = 12, devices: int = DEVICES) -> float:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from tests.accuracy import turntable as made_by
-from tests.methods.turntable_drawn import (
+from tests.methods.turntable_cases import (
     BENCH,
     Array,
     Score,
@@ -18,8 +18,8 @@ from tests.methods.turntable_drawn import (
 
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gaussian
+from inercal.methods.turntable import model
 from inercal.methods.turntable_kalman import METHOD as FILTERS
-from inercal.methods.turntable_kalman import model
 from inercal.methods.turntable_trajectory import _kernels, solved, trajectory
 from inercal.methods.turntable_trajectory.rows import Resting, Turning
 from inercal.recording import Observations, Track

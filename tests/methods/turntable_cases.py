@@ -1,4 +1,4 @@
-"""What the generator's turntable made, handed to inercal: bench, sensor, track, and the truth."""
+"""What the generator's turntable made, handed to inercal; its truth; how far estimates are off."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from tests.accuracy import turntable
 
 from inercal.benches import Turntable
+from inercal.estimate import Estimate
+from inercal.plan import Position, Rotation, TableStep
 from inercal.recording import Observations, Track
 from inercal.sensors import Sensor
 from inercal.sensors.catalogue import imu
@@ -17,15 +19,11 @@ from inercal.units import Measured
 
 Array = NDArray[np.float64]
 ARCSEC = turntable.ARCSEC
-DEG_MIN = radians(1) / 60
-MICRO_G = 1e-6 * turntable.G
 FAST = [
     ("warm-up", (0, 0, 0), 120.0),
     *turntable.positions(),
     *turntable.turns(1080, 30, back=True),
 ]
-
-
 TABLE = turntable.Table()
 
 
@@ -44,7 +42,24 @@ def bench(table: turntable.Table = TABLE, **changes: object) -> Turntable:
     return replace(stated, **changes)
 
 
+BENCH = bench(lean=TABLE.lean)  # as it was drawn
+_SIX = {
+    "z_p": (0, 0, 0), "y_p": (0, 90, 0), "z_a": (0, 180, 0), "y_a": (0, 270, 0),
+    "x_a": (0, 0, 90), "x_p": (0, 0, -90),
+}  # fmt: skip
+
+
+def discrete(seconds: float = 90.0) -> list[turntable.Stand | turntable.Turn]:
+    """Return six positions, each with ±1080° at 30 °/s about the vertical."""
+    path: list[turntable.Stand | turntable.Turn] = [("warm-up", (0, 0, 0), 120.0)]
+    for name, angles in _SIX.items():
+        path.append((name, angles, seconds))
+        path += [(f"{name}+", 0, 1080.0, 30.0), (f"{name}-", 0, -1080.0, 30.0)]
+    return path
+
+
 def sensor(grade: turntable.Grade = turntable.T, *also: str) -> Sensor:
+    """Return the IMU with a grade's noise; bias, scale and misalignment are wanted."""
     made = imu()
     noises = {"w": (grade.arw, grade.gyro_drift), "f": (grade.vrw, grade.acc_drift)}
     axes = tuple(
@@ -61,29 +76,31 @@ def sensor(grade: turntable.Grade = turntable.T, *also: str) -> Sensor:
     return replace(made, axes=axes).with_coefficients("bias", "scale", "misalignment", *also)
 
 
-def track(made: turntable.Draw) -> Track:
-    """Return the samples of all trials; where the table stands by its labels are holds."""
-    hold, number = np.full(made.time.size, -1), -1
-    for name in dict.fromkeys(made.labels):
-        if name and name[-1] not in "+-":
-            number += 1
-            hold[made.labels == name] = number
+def track(made: turntable.Draw, rests: Sequence[str] | None = None) -> Track:
+    """Return the samples of all trials; where the table stands, by its labels, are holds."""
+    if rests is None:
+        rests = [name for name in dict.fromkeys(made.labels) if name and name[-1] not in "+-"]
+    hold = np.full(made.time.size, -1)
+    for number, name in enumerate(rests):
+        hold[made.labels == name] = number
     return Track(made.time, np.concatenate([made.forces, made.rates], axis=2), made.angles, hold)
 
 
-def observations(made: turntable.Draw) -> Observations:
-    """Return means of each step, and the track."""
-    whole, hz = track(made), 1 / (made.time[1] - made.time[0])
-    labels = tuple(name for name in dict.fromkeys(made.labels) if name)
+def observations(
+    made: turntable.Draw, of: Sensor | None = None, rests: Sequence[str] | None = None
+) -> Observations:
+    """Return means of each step with a sensor's white noise, and the track."""
+    whole, dt = track(made, rests), made.time[1] - made.time[0]
+    labels = tuple(name for name in dict.fromkeys(made.labels.tolist()) if name)
     rows = [np.flatnonzero(made.labels == name) for name in labels]
-    mean = np.stack([whole.reading[:, at].mean(axis=1) for at in rows], axis=1)
-    r = len(labels)
+    count = np.array([at.size for at in rows])
+    white = np.array([axis.noise.white**2 for axis in (of or sensor()).axes])
     return Observations(
         labels,
-        mean,
-        np.tile(np.eye(6) * 1e-12, (r, 1, 1)),
-        np.array([at.size / hz for at in rows]),
-        np.array([at.size for at in rows]),
+        np.stack([whole.reading[:, at].mean(axis=1) for at in rows], axis=1),
+        np.eye(6) * white / (count * dt)[:, None, None],
+        count * dt,
+        count,
         np.array([made.time[at].mean() for at in rows]),
         ("ax", "ay", "az", "gx", "gy", "gz"),
         track=whole,
@@ -116,25 +133,61 @@ def truth(made: turntable.Draw, names: Sequence[str]) -> Array:
 
 
 class Score(NamedTuple):
-    """RMS in the note's units, and NEES by parameter."""
+    """RMS of bias, °/min or µg, scale, ppm, and misalignment, ″; NEES a coefficient."""
 
     bias: float
-    scale: float  # ppm
-    cross: float  # ″
+    scale: float
+    cross: float
     nees: float
 
 
-def score(off: Array, covariance: Array, names: Sequence[str], unit: float) -> Score:
-    """Judge errors (trials, p) of one triad's coefficients; `unit` is that of the bias."""
-    short = np.array([name.partition(".")[2] for name in names])
+def score(off: Array, covariance: Array, names: Sequence[str], kind: str) -> Score:
+    """Return how the gyros ("g") or the accelerometers ("a") of many trials did.
+
+    Parameters
+    ----------
+    off : (trials, p) array
+        Estimates minus truth.
+    covariance : (trials, p, p) array
+        As stated.
+    names : sequence of p str
+    kind : "g" or "a"
+    """
+    at = np.array([k for k, name in enumerate(names) if name[0] == kind])
+    off, covariance = off[:, at], covariance[:, at][:, :, at]
+    short = np.array([names[k].partition(".")[2] for k in at])
 
     def rms(kinds: tuple[str, ...], size: float) -> float:
         return float(np.sqrt(np.mean(off[:, np.isin(short, kinds)] ** 2))) / size
 
-    nees = np.einsum("ti,tij,tj->t", off, np.linalg.inv(covariance), off).mean() / off.shape[1]
+    nees = np.einsum("ti,tij,tj->t", off, np.linalg.inv(covariance), off).mean() / at.size
     return Score(
-        rms(("bias", "k0"), unit),
+        rms(("bias", "k0"), radians(1) / 60 if kind == "g" else 1e-6 * turntable.G),
         rms(("scale", "k1"), 1e-6),
         rms(("delta_o", "delta_p"), ARCSEC),
         float(nees),
     )
+
+
+def errors(estimate: Estimate, draw: turntable.Draw, made: Sensor) -> tuple[Array, Array]:
+    """Return estimates minus truth, (trials, p), and the stated covariance of the coefficients."""
+    p = len(made.coefficients)
+    off = estimate.value[..., :p] - truth(draw, made.coefficients)
+    stated = estimate.stated_covariance[..., :p, :p]
+    return off, np.broadcast_to(stated, (len(off), p, p))
+
+
+def steps(
+    path: Sequence[turntable.Stand | turntable.Turn], labels: Sequence[str]
+) -> list[TableStep]:
+    """Return the generator's steps of these labels as a plan."""
+    made: list[TableStep] = []
+    for step in path:
+        if step[0] not in labels:
+            continue
+        if len(step) == 3:
+            outer, middle, inner = map(radians, step[1])
+            made.append(Position(step[0], (outer, middle, inner), step[2]))
+        else:
+            made.append(Rotation(step[0], step[1], radians(step[2]), radians(step[3])))
+    return made

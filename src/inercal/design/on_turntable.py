@@ -15,7 +15,8 @@ from inercal.benches.turntable_attitude import motion
 from inercal.benches.turntable_run import Travel, travel
 from inercal.design.known import Known
 from inercal.errors import InputError
-from inercal.methods.turntable_kalman import follow, model
+from inercal.methods.turntable import model
+from inercal.methods.turntable_kalman import follow
 from inercal.plan import Position, Rotation, TableStep
 from inercal.recording import Track
 from inercal.runfile import Run

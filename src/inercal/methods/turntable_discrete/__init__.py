@@ -30,8 +30,8 @@ from inercal.estimate import least_squares as solve
 from inercal.methods import vectors
 from inercal.methods._base import Method
 from inercal.methods.observed import require_observed
+from inercal.methods.turntable.model import CORRELATION
 from inercal.methods.turntable_discrete.felt import Way, felt, mean, planned, rows
-from inercal.methods.turntable_kalman.model import CORRELATION
 from inercal.plan import Position, Rotation, TableStep
 from inercal.recording import Observations, Track
 from inercal.sensors import Sensor

@@ -10,7 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from inercal.estimate.kalman import predict, update
-from inercal.methods.turntable_kalman._strapdown import (
+from inercal.methods.turntable.strapdown import (
     add_up,
     apart,
     correct,
@@ -22,7 +22,7 @@ from inercal.methods.turntable_kalman._strapdown import (
     taken,
     turn_level,
 )
-from inercal.methods.turntable_kalman.terms import BASIS, FORCE, SQUARE
+from inercal.methods.turntable.terms import BASIS, FORCE, SQUARE
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -12,7 +12,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from inercal.estimate.kalman import predict, update
-from inercal.methods.turntable_kalman._strapdown import (
+from inercal.methods.turntable.strapdown import (
     BENT,
     KINK,
     add_up,
@@ -27,7 +27,7 @@ from inercal.methods.turntable_kalman._strapdown import (
     taken,
     turn_level,
 )
-from inercal.methods.turntable_kalman.terms import BASIS, FORCE, RATE, SQUARE
+from inercal.methods.turntable.terms import BASIS, FORCE, RATE, SQUARE
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 from inercal.benches.turntable import Turntable
 from inercal.benches.turntable_attitude import misalignment, reference
 from inercal.estimate import Course, Gaussian
-from inercal.methods.turntable_kalman import _accelerometers, _strapdown, model
-from inercal.methods.turntable_kalman.model import Triad, beside
-from inercal.methods.turntable_kalman.terms import BASIS
+from inercal.methods.turntable import model, strapdown
+from inercal.methods.turntable.model import Triad, beside
+from inercal.methods.turntable.terms import BASIS
+from inercal.methods.turntable_kalman import _accelerometers
 from inercal.parameters import Parameter
 from inercal.recording import Track
 from inercal.sensors import Sensor
@@ -160,7 +161,7 @@ class Accelerometers:
     def step(self, state: State, track: Track) -> tuple[State, Course]:
         """Return the state after the samples of a track, and the course through them."""
         after = state.copy()
-        epochs = _strapdown.due_in_holds(
+        epochs = strapdown.due_in_holds(
             track.time,
             track.hold,
             model.PERIOD * (1 - 1e-6),

@@ -14,7 +14,7 @@ from inercal.benches.turntable import Turntable
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Course, Estimate, Gaussian, Group
 from inercal.estimate.spread import Spread
-from inercal.methods.turntable_kalman import model
+from inercal.methods.turntable import model
 from inercal.methods.turntable_kalman.accelerometers import STILL, Accelerometers
 from inercal.methods.turntable_kalman.gyros import Gyros
 from inercal.recording import Observations, Track

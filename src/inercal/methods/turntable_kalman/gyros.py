@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from inercal.benches.turntable import Turntable
 from inercal.benches.turntable_attitude import misalignment, reference
 from inercal.estimate import Course, Gaussian
-from inercal.methods.turntable_kalman import _gyros, _strapdown, model
-from inercal.methods.turntable_kalman.model import Triad, beside
-from inercal.methods.turntable_kalman.terms import BASIS
+from inercal.methods.turntable import model, strapdown
+from inercal.methods.turntable.model import Triad, beside
+from inercal.methods.turntable.terms import BASIS
+from inercal.methods.turntable_kalman import _gyros
 from inercal.parameters import Parameter
 from inercal.recording import Track
 from inercal.sensors import Sensor
@@ -180,7 +181,7 @@ class Gyros:
     def step(self, state: State, track: Track) -> tuple[State, Course]:
         """Return the state after the samples of a track, and the course through them."""
         after = state.copy()
-        epochs = _strapdown.due(track.time, model.PERIOD * (1 - 1e-6), after.start[1])
+        epochs = strapdown.due(track.time, model.PERIOD * (1 - 1e-6), after.start[1])
         if not self.turning:
             epochs = epochs[track.hold[epochs] >= 0]
         stamps, angles = track.time, track.angles

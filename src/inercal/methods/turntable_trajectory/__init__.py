@@ -24,7 +24,7 @@ from inercal.estimate import Estimate, Gaussian, Problem
 from inercal.estimate import least_squares as solve
 from inercal.methods import vectors
 from inercal.methods._base import Method
-from inercal.methods.turntable_kalman import model
+from inercal.methods.turntable import model
 from inercal.methods.turntable_trajectory.rows import Resting, Turning, parameters
 from inercal.plan import TableStep
 from inercal.recording import Observations, Track

@@ -1,6 +1,6 @@
 """Compiled: attitude from one readback to the next, and the whitening of what is left.
 
-Level frame and signs as in `inercal.methods.turntable_kalman._strapdown`.
+Level frame and signs as in `inercal.methods.turntable.strapdown`.
 """
 # Numba's decorator has no types.
 # pyright: reportUntypedFunctionDecorator=false
@@ -9,8 +9,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from inercal.methods.turntable_kalman._strapdown import BENT, KINK, apart, fill, matrix, rotate
-from inercal.methods.turntable_kalman.terms import BASIS, FORCE, RATE, SQUARE
+from inercal.methods.turntable.strapdown import BENT, KINK, apart, fill, matrix, rotate
+from inercal.methods.turntable.terms import BASIS, FORCE, RATE, SQUARE
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -21,8 +21,7 @@ from inercal.benches.turntable import Turntable
 from inercal.benches.turntable_attitude import misalignment, reference
 from inercal.errors import InputError
 from inercal.frames import log_so3, skew
-from inercal.methods.turntable_kalman import _strapdown as strapdown
-from inercal.methods.turntable_kalman import model
+from inercal.methods.turntable import model, strapdown
 from inercal.methods.turntable_trajectory import _kernels
 from inercal.motion import Motion
 from inercal.observe import vector

@@ -18,7 +18,7 @@ from scipy.signal import lfilter
 
 from inercal.benches import Turntable
 from inercal.benches.turntable_run import perform_on_turntable
-from inercal.methods.turntable_kalman.model import CORRELATION
+from inercal.methods.turntable.model import CORRELATION
 from inercal.motion import Motion
 from inercal.pipeline.simulation import read_out
 from inercal.plan import Position, TableStep

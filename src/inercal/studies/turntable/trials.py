@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches.turntable_paths import discrete, fast, paper
-from inercal.methods.turntable_kalman import model
+from inercal.methods.turntable import model
 from inercal.studies.section import Say
 from inercal.studies.turntable.experiment import DEG_MIN, LATE, TABLE, Case, sensor, simulate
 from inercal.studies.turntable.filters import (

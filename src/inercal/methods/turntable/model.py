@@ -1,4 +1,4 @@
-"""What both filters share: the sensor as they see it, what is known at the start, their course.
+"""What the methods share: the sensor as a filter sees it, what is known at the start.
 
 Before anything is known a coefficient may be as large as `EXPECTED` says; the data must say much
 more of it (`undecided`), or the result would be that guess.
@@ -17,7 +17,7 @@ from inercal.earth import earth_rate_up_north
 from inercal.errors import InputError
 from inercal.estimate import Course, Gaussian, NullDirection
 from inercal.methods.observed import in_natural_words
-from inercal.methods.turntable_kalman.terms import BIAS, Terms, terms
+from inercal.methods.turntable.terms import BIAS, Terms, terms
 from inercal.parameters import Parameter
 from inercal.recording import Track
 from inercal.sensors import G0, Sensor

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from inercal.methods.turntable_kalman.terms import BASIS, FORCE, SQUARE
+from inercal.methods.turntable.terms import BASIS, FORCE, SQUARE
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
