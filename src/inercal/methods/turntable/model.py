@@ -15,7 +15,7 @@ from inercal.benches.turntable import Turntable
 from inercal.benches.turntable_attitude import misalignment, reference
 from inercal.earth import earth_rate_up_north
 from inercal.errors import InputError
-from inercal.estimate import Course, Gaussian, NullDirection
+from inercal.estimate import Gaussian, NullDirection
 from inercal.methods.observed import in_natural_words
 from inercal.methods.turntable.terms import BIAS, Terms, terms
 from inercal.parameters import Parameter
@@ -62,16 +62,6 @@ class Triad:
     channels: NDArray[np.int64]
     white: Array
     drift: Array
-
-
-def course(name: str, names: tuple[str, ...], time: Array, history: Array, q: int) -> Course:
-    """Return the course of what a kernel wrote, (e, q + 1 + 2 n), of the last states alone."""
-    n, k = (history.shape[1] - q - 1) // 2, len(names)
-    value, variance = history[:, q + 1 : q + 1 + n], history[:, q + 1 + n :]
-    return Course(
-        name, names, time, value[:, n - k :], np.sqrt(variance[:, n - k :]),
-        history[:, :q], history[:, q],
-    )  # fmt: skip
 
 
 def triad(sensor: Sensor, kind: str, *, drifting: bool = True) -> Triad:

@@ -1,11 +1,12 @@
 """Compiled: the gyros' filter, sample by sample; its dense oracle stands in the tests.
 
 Between samples rates are linear, with the second-order term of coning (Miller 1983, J. Guidance
-6(4), 287–291). All state is in arrays that are changed in place, so that a recording may come in
-pieces.
+6(4), 287–291). States: φ (3), p coefficients, drift of the biases (3), q of the table's parameters.
 """
 # Numba's decorator has no types.
 # pyright: reportUntypedFunctionDecorator=false
+
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -21,136 +22,165 @@ from inercal.methods.turntable.strapdown import (
     delayed,
     driven_by,
     fill,
-    matrix,
     rotate,
-    sum_up,
-    taken,
     turn_level,
 )
-from inercal.methods.turntable.terms import BASIS, FORCE, RATE, SQUARE
+from inercal.methods.turntable.terms import FORCE, RATE, SQUARE
+from inercal.methods.turntable_kalman._common import (
+    Model,
+    Work,
+    corrected,
+    drifted,
+    product,
+    walked,
+    work,
+)
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
+class Samples(NamedTuple):
+    """Of n samples."""
+
+    time: Array  # (n,) s
+    rates: Array  # (n, 3), readings, rad/s
+    hold: Indices  # (n,), number of the hold; negative while the table moves
+
+
+class Readback(NamedTuple):
+    """At e samples, ascending."""
+
+    epochs: Indices  # (e,)
+    behind: Array  # (e,) s, how much older than the sample it is by its stamp
+    attitude: Array  # (e, 3, 3)
+    beside: Array  # (e, 3, q), how φ as it is observed moves with the table's parameters
+
+
+class Settings(NamedTuple):
+    """How the two are compared."""
+
+    variance: float  # of the attitude by readback, rad²
+    aligned: float  # of φ at an alignment, rad²
+    gap: float  # s, a step of time beyond which the attitude is taken from readback anew
+    late: Indices  # (3,), where latency, clock and azimuth stand among the states; -1 is not there
+    closed: bool  # whether what is found is fed back
+
+
+class State(NamedTuple):
+    """How far the filter has come. What of x is fed back is kept zero."""
+
+    c: Array  # (3, 3)
+    theta: Array  # (p,)
+    x: Array  # (n,)
+    p: Array  # (n, n)
+    made: Array  # (BASIS, 3, 3), Σ C M φ Δt since the epoch before
+    time: Array  # (3,) s: of the sample and of the epoch before, and where the clock began
+    rates: Array  # (2, 3), of the last two samples, the newer first
+    bent: Array  # (1,) rad², variance of φ by kinks of the rate since the epoch before
+    lost: NDArray[np.bool_]  # (1,), whether an alignment is due
+    times: (
+        Array  # (k,) and (k, 3, 3), of `delayed`: what the readback, being late, is compared with
+    )
+    past: Array
+    newest: Indices  # (1,), their row of the sample before
+    tail: Array  # (lag, 1 + axes): time and readback of the last samples
+    nis: float = 0.0
+    epochs: int = 0
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def gyros(
-    time: Array,
-    rates: Array,
-    hold: Indices,
-    epochs: Indices,
-    behind: Array,
-    reference: Array,
-    beside: Array,
-    nominal: Array,
-    axis: Indices,
-    weights: Array,
-    earth: Array,
-    gravity: float,
-    noise: Array,
-    drift: Array,
-    correlation: float,
-    variance: float,
-    start: Array,
-    late: Indices,
-    realign: float,
-    closed: bool,
-    c: Array,
-    theta: Array,
-    x: Array,
-    p: Array,
-    made: Array,
-    last: Array,
-    times: Array,
-    past: Array,
+    samples: Samples,
+    readback: Readback,
+    model: Model,
+    settings: Settings,
+    state: State,
     history: Array,
 ) -> float:
     """Run the gyros' filter over a piece of a recording; return the sum of NIS.
 
-    States: φ (3), p coefficients, drift of the biases (3), q of the table's parameters, of which
-    the first two may be latency and clock.
-
     Parameters
     ----------
-    time : (n,) array
-    rates : (n, 3) array
-        Readings, rad/s.
-    hold : (n,) array of int
-        Number of the hold that a sample belongs to; negative while the table moves.
-    epochs : (e,) array
-        Samples at which readback is taken in, ascending.
-    behind : (e,) array
-        How much older than the sample that readback is, s, by its stamp.
-    reference : (e, 3, 3) array
-        Attitude by readback.
-    beside : (e, 3, q) array
-        How φ as it is observed moves with the table's parameters, level frame.
-    nominal, axis, weights
-        Of `terms`.
-    earth : (3,) array
-        Its rate in the level frame.
-    gravity : float
-        m/s²; what the gyros feel of force is its reaction.
-    noise : (3,) array
-        Variance of each gyro's angle, rad²/s.
-    drift : (3, 2) array
-        Of each bias: variance of its drift, (rad/s)², and of its walk, (rad/s)²/s.
-    correlation : float
-        Time of the drift, s.
-    variance : float
-        Of the attitude by readback, rad².
-    start : (4,) array
-        Variance of φ at an alignment; the epoch's time before, the time origin of the clock, and
-        whether an alignment is due.
-    late : (3,) array
-        Where latency, clock and azimuth stand among the states; -1 is not there.
-    realign : float
-        A step of time, s, beyond which the attitude is taken from readback anew.
-    closed : bool
-        Whether what is found is fed back.
-    c, theta, x, p : arrays
-        Attitude (3, 3), coefficients (p,), states (n,) and covariance (n, n): changed in place. The
-        part of x that stands for φ and coefficients is fed back and kept zero.
-    made : (BASIS, 3, 3) array
-        Σ C M φ Δt since the epoch before, changed in place.
-    last : (9,) array
-        Time and rate of the sample before, its row in `past`, the rate of the one before that, and
-        the variance of φ by kinks of the rate since the last epoch, rad²: changed in place.
-    times, past : (k,) and (k, 3, 3) arrays
-        Of `delayed`: what the readback, being late, is compared with. Changed in place.
+    samples, readback, model, settings
+    state : State
+        Its arrays are changed in place.
     history : (e, 4 + 2 n) array
         Written at each epoch: innovations (3), NIS, the estimates (x with the coefficients
         in their place, φ zero) and their variances.
     """
-    count, n = axis.size, x.size
-    gm, used = 3 + count, taken(weights)
-    m, phi, by = np.zeros((3, 3)), np.zeros(BASIS), np.zeros((BASIS, 3))
-    squares, a = used[-1] >= SQUARE, np.zeros((3, n))
-    half, move, u, cm = np.zeros((3, 3)), np.zeros(3), np.zeros(3), np.zeros((3, 3))
-    keep, drawn, driven = np.ones(n), np.zeros(n), np.zeros((3, 3))
-    z, h, turn, fed = np.zeros(3), np.zeros((3, n)), np.zeros(3), np.zeros(3)
-    moved, rate = np.zeros(3), np.zeros(3)
-    matrix(nominal, axis, weights, theta, RATE, m)
-    sum_up(axis, weights, theta, x[gm : gm + 3], used, by)
-    phi[0] = 1.0
-    total, e = 0.0, 0
-    for i in range(time.size):
-        dt = time[i] - last[0]
-        if dt > realign:
-            start[3] = 1.0
+    x, p, theta = state.x, state.p, state.theta
+    count, n = theta.size, x.size
+    gm = 3 + count
+    done = work(model, theta, x[gm : gm + 3])
+    a, keep, drawn, driven = np.zeros((3, n)), np.ones(n), np.zeros(n), np.zeros((3, 3))
+    z, h = np.zeros(3), np.zeros((3, n))
+    total = 0.0
+    first = 0
+    for e in range(readback.epochs.size):
+        first = _carry(first, readback.epochs[e] + 1, samples, model, settings, state, done)
+        _transition(model, settings, state, done, a, keep, drawn, driven)
+        if not settings.closed:
+            _follow(x, a)
+        predict(p, a, keep, driven, drawn)
+        if state.lost[0]:
+            _align(e, readback, settings, state, done)
+            history[e, :4] = 0.0
+        else:
+            _observe(e, readback, model, settings, state, done, z, h)
+            nis = 0.0
+            for k in range(3):
+                history[e, k] = z[k]
+                for j in range(gm + 3, n):
+                    history[e, k] -= h[k, j] * x[j]
+            for k in range(3):
+                nis += update(x, p, h[k], z[k], settings.variance)
+            history[e, 3] = nis
+            total += nis
+            if settings.closed:
+                _feed_back(state, done)
+        corrected(done, model, theta, x[gm : gm + 3])
+        for s in range(n):
+            history[e, 4 + s] = theta[s - 3] + x[s] if 3 <= s < gm else x[s]
+            history[e, 4 + n + s] = p[s, s]
+    _carry(first, samples.time.size, samples, model, settings, state, done)
+    return total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _carry(
+    first: int,
+    end: int,
+    samples: Samples,
+    model: Model,
+    settings: Settings,
+    state: State,
+    done: Work,
+) -> int:
+    """Carry the attitude over samples, and sum up what drives φ; return the sample to follow."""
+    # Each field of a tuple that is asked for counts references: once here, not at each sample.
+    time, rates, hold = samples
+    used, m, by, phi, cm, half, mean, u, turn, fed = done
+    c, made, before, times, past = state.c, state.made, state.rates, state.times, state.past
+    earth, white, gravity, gap = model.earth, model.white, model.gravity, settings.gap
+    newest, now, kinks, lost = state.newest[0], state.time[0], state.bent[0], state.lost[0]
+    squares = used[-1] >= SQUARE
+    for i in range(first, end):
+        dt = time[i] - now
+        lost = lost or dt > gap
         for k in range(3):
             phi[FORCE + k] = gravity * c[2, k]
-            move[k] = 0.5 * (rates[i, k] + last[1 + k])
+            mean[k] = 0.5 * (rates[i, k] + before[0, k])
         if squares:
             fill(phi, phi[FORCE : FORCE + 3])
-        correct(move, m, by, phi, used, RATE, u)
+        correct(mean, m, by, phi, used, RATE, u)
         # The way within the step, against the level frame; half of it first.
         for k in range(3):
             around = 0.0
             for j in range(3):
                 around += c[j, k] * earth[j]
             j1, j2 = (k + 1) % 3, (k + 2) % 3
-            coning = last[1 + j1] * rates[i, j2] - last[1 + j2] * rates[i, j1]
+            coning = before[0, j1] * rates[i, j2] - before[0, j2] * rates[i, j1]
             turn[k] = (u[k] - around) * dt + coning * dt * dt / 12
             fed[k] = 0.5 * turn[k]
             # At rest the earth's rate alone is felt. Readings would do as well but for their noise:
@@ -159,120 +189,141 @@ def gyros(
         half[:] = c
         rotate(half, fed)
         rotate(c, turn)
-        for k in range(3):
-            for j in range(3):
-                cm[k, j] = 0.0
-                for b in range(3):
-                    cm[k, j] += half[k, b] * m[b, j]
+        product(half, m, cm)
         add_up(cm, phi, dt, used, made)
-        last[0] = time[i]
-        newest = (int(last[4]) + 1) % times.size
-        last[4], times[newest] = newest, time[i]
+        now, newest = time[i], (newest + 1) % times.size
+        times[newest] = now
         for k in range(3):
-            bent = rates[i, k] - 2 * last[1 + k] + last[5 + k]
-            if bent * bent * dt > BENT * noise[k]:
-                last[8] += (KINK * bent * dt) ** 2
-            last[5 + k], last[1 + k] = last[1 + k], rates[i, k]
+            bent = rates[i, k] - 2 * before[0, k] + before[1, k]
+            if bent * bent * dt > BENT * white[k]:
+                kinks += (KINK * bent * dt) ** 2
+            before[1, k], before[0, k] = before[0, k], rates[i, k]
             for j in range(3):
                 past[newest, k, j] = c[k, j]
-        if e == epochs.size or i != epochs[e]:
-            continue
-        since = time[i] - start[1]
-        start[1] = time[i]
-        kept = np.exp(-since / correlation)
-        a[:] = 0.0
-        driven_by(made, axis, weights, used, -1.0, 3, a)
-        for k in range(3):
-            for j in range(3):
-                a[k, j] = 1.0 if k == j else 0.0
-                driven[k, j] = 0.0
-                for b in range(3):
-                    driven[k, j] += cm[k, b] * noise[b] * cm[j, b] * since
-            driven[k, k] += last[8]
-            keep[gm + k] = kept
-            drawn[gm + k] = drift[k, 0] * (1 - kept * kept) + drift[k, 1] * since
-            x[gm + k] *= kept
-        last[8] = 0.0
-        # −[ω_ie×] within an epoch.
-        a[0, 1], a[0, 2], a[1, 2] = earth[2] * since, -earth[1] * since, earth[0] * since
-        a[1, 0], a[2, 0], a[2, 1] = -a[0, 1], -a[0, 2], -a[1, 2]
-        if late[2] >= 0:
-            # The level frame is the table's: turned clockwise it sees the earth's rate go west.
-            a[0, late[2]] = earth[1] * since
-        if not closed:
-            for k in range(3):
-                moved[k] = x[k]
-                for s in range(n):
-                    moved[k] += (a[k, s] - (1.0 if s == k else 0.0)) * x[s]
-            for k in range(3):
-                x[k] = moved[k]
-        predict(p, a, keep, driven, drawn)
-        if start[3] > 0:
-            # φ is lost, all else is kept; the readback is brought to the sample by the rate.
-            start[3] = 0.0
-            delay, fastest = behind[e], 0.0
-            if late[0] >= 0:
-                delay += x[late[0]]
-            for k in range(3):
-                turn[k] = phi[RATE + k] * delay
-                fastest += phi[RATE + k] * phi[RATE + k]
-            c[:] = reference[e]
-            rotate(c, turn)
-            for k in range(3):
-                p[k, :] = 0.0
-                p[:, k] = 0.0
-                p[k, k] = start[0] + (fastest * p[late[0], late[0]] if late[0] >= 0 else 0.0)
-            times[:] = time[i]
-            past[:] = c
-            history[e, :4] = 0.0
-        else:
-            delay = 0.0
-            if late[0] >= 0:
-                delay += x[late[0]]
-            if late[1] >= 0:
-                delay += x[late[1]] * (time[i] - start[2])
-            delayed(times, past, newest, time[i] - behind[e] - delay, half, rate)
-            apart(reference[e], half, z)
-            h[:] = 0.0
-            for k in range(3):
-                h[k, k] = 1.0
-                for j in range(beside.shape[2]):
-                    h[k, gm + 3 + j] = beside[e, k, j]
-                if late[0] >= 0:
-                    h[k, late[0]] = -rate[k]
-                if late[1] >= 0:
-                    h[k, late[1]] = -rate[k] * (time[i] - start[2])
-                z[k] -= rate[k] * delay
-                # φ as it was then: what drove it since is taken back.
-                for t in range(count):
-                    size = 0.0
-                    for b in used:
-                        size += weights[t, b] * phi[b]
-                    h[k, 3 + t] = cm[k, axis[t]] * size * (behind[e] + delay)
-                for j in range(3):
-                    h[k, gm + j] = cm[k, j] * (behind[e] + delay)
-                history[e, k] = z[k]
-                for j in range(gm + 3, n):
-                    history[e, k] -= h[k, j] * x[j]
-            nis = 0.0
-            for k in range(3):
-                nis += update(x, p, h[k], z[k], variance)
-            history[e, 3] = nis
-            total += nis
-            if closed:
-                for k in range(3):
-                    turn[k] = x[k]
-                    x[k] = 0.0
-                turn_level(c, turn)
-                for row in range(times.size):
-                    turn_level(past[row], turn)
-                for s in range(count):
-                    theta[s] += x[3 + s]
-                    x[3 + s] = 0.0
-                matrix(nominal, axis, weights, theta, RATE, m)
-        sum_up(axis, weights, theta, x[gm : gm + 3], used, by)
-        for s in range(n):
-            history[e, 4 + s] = theta[s - 3] + x[s] if 3 <= s < gm else x[s]
-            history[e, 4 + n + s] = p[s, s]
-        e += 1
-    return total
+    state.newest[0], state.time[0], state.bent[0], state.lost[0] = newest, now, kinks, lost
+    return end
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _transition(
+    model: Model,
+    settings: Settings,
+    state: State,
+    done: Work,
+    a: Array,
+    keep: Array,
+    drawn: Array,
+    driven: Array,
+) -> None:
+    """Write Φ and Q since the epoch before, as `predict` takes them; begin a new epoch."""
+    earth, terms, bent = model.earth, model.terms, state.bent[0]
+    since = state.time[0] - state.time[1]
+    state.time[1] = state.time[0]
+    a[:] = 0.0
+    driven_by(state.made, terms.axis, terms.weights, done.used, -1.0, 3, a)
+    walked(done.cm, model.white, since, driven)
+    for k in range(3):
+        a[k, k] = 1.0
+        driven[k, k] += bent
+    state.bent[0] = 0.0
+    drifted(model, since, 3 + terms.axis.size, state.x, keep, drawn)
+    # −[ω_ie×] within an epoch.
+    a[0, 1], a[0, 2], a[1, 2] = earth[2] * since, -earth[1] * since, earth[0] * since
+    a[1, 0], a[2, 0], a[2, 1] = -a[0, 1], -a[0, 2], -a[1, 2]
+    if settings.late[2] >= 0:
+        # The level frame is the table's: turned clockwise it sees the earth's rate go west.
+        a[0, settings.late[2]] = earth[1] * since
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _follow(x: Array, a: Array) -> None:
+    """Carry φ that is not fed back."""
+    moved = np.zeros(3)
+    for k in range(3):
+        moved[k] = x[k]
+        for s in range(x.size):
+            moved[k] += (a[k, s] - (1.0 if s == k else 0.0)) * x[s]
+    x[:3] = moved
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _align(e: int, readback: Readback, settings: Settings, state: State, done: Work) -> None:
+    """Take the attitude from readback: φ is lost, all else is kept."""
+    x, p, late = state.x, state.p, settings.late[0]
+    state.lost[0] = False
+    delay, fastest, spread = readback.behind[e], 0.0, settings.aligned
+    if late >= 0:
+        delay += x[late]
+    # The readback is brought to the sample by the rate.
+    for k in range(3):
+        done.turn[k] = done.phi[RATE + k] * delay
+        fastest += done.phi[RATE + k] * done.phi[RATE + k]
+    if late >= 0:
+        spread += fastest * p[late, late]
+    state.c[:] = readback.attitude[e]
+    rotate(state.c, done.turn)
+    for k in range(3):
+        p[k, :] = 0.0
+        p[:, k] = 0.0
+        p[k, k] = spread
+    state.times[:] = state.time[0]
+    state.past[:] = state.c
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _observe(
+    e: int,
+    readback: Readback,
+    model: Model,
+    settings: Settings,
+    state: State,
+    done: Work,
+    z: Array,
+    h: Array,
+) -> None:
+    """Write what the readback says beyond the attitude when it was taken, z = h x + noise."""
+    x, late, beside, behind = state.x, settings.late, readback.beside, readback.behind[e]
+    axis, weights, used, cm, phi, rate = (
+        model.terms.axis, model.terms.weights, done.used, done.cm, done.phi, done.fed,
+    )  # fmt: skip
+    count, gm = axis.size, 3 + axis.size
+    delay, lasting = 0.0, state.time[0] - state.time[2]
+    if late[0] >= 0:
+        delay += x[late[0]]
+    if late[1] >= 0:
+        delay += x[late[1]] * lasting
+    when = state.time[0] - behind - delay
+    delayed(state.times, state.past, state.newest[0], when, done.half, rate)
+    apart(readback.attitude[e], done.half, z)
+    h[:] = 0.0
+    for k in range(3):
+        h[k, k] = 1.0
+        for j in range(beside.shape[2]):
+            h[k, gm + 3 + j] = beside[e, k, j]
+        if late[0] >= 0:
+            h[k, late[0]] = -rate[k]
+        if late[1] >= 0:
+            h[k, late[1]] = -rate[k] * lasting
+        z[k] -= rate[k] * delay
+        # φ as it was then: what drove it since is taken back.
+        for t in range(count):
+            size = 0.0
+            for b in used:
+                size += weights[t, b] * phi[b]
+            h[k, 3 + t] = cm[k, axis[t]] * size * (behind + delay)
+        for j in range(3):
+            h[k, gm + j] = cm[k, j] * (behind + delay)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _feed_back(state: State, done: Work) -> None:
+    """Turn the attitude, now and as it was, by φ, and take in the coefficients."""
+    x, theta, past, turn = state.x, state.theta, state.past, done.turn
+    turn[:] = x[:3]
+    x[:3] = 0.0
+    turn_level(state.c, turn)
+    for row in range(len(past)):
+        turn_level(past[row], turn)
+    for s in range(theta.size):
+        theta[s] += x[3 + s]
+        x[3 + s] = 0.0

@@ -8,7 +8,8 @@ second.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from copy import deepcopy
+from dataclasses import dataclass
 from math import radians
 from typing import Literal
 
@@ -22,6 +23,8 @@ from inercal.methods.turntable import model, strapdown
 from inercal.methods.turntable.model import Triad, beside
 from inercal.methods.turntable.terms import BASIS
 from inercal.methods.turntable_kalman import _accelerometers
+from inercal.methods.turntable_kalman._accelerometers import Readback, Samples, Settings, State
+from inercal.methods.turntable_kalman.common import course, known
 from inercal.parameters import Parameter
 from inercal.recording import Track
 from inercal.sensors import Sensor
@@ -31,32 +34,6 @@ _ARCSEC = radians(1 / 3600)
 STILL = 1e-3  # m/s, how far velocity at rest is known to be zero
 _ALIGNED = 5e-4  # rad, sd of φ where a hold begins
 _COMMON = ("lean_x", "lean_y")  # of the base; what else a hold is off by is its own
-
-
-@dataclass(frozen=True, eq=False)
-class State:
-    """How far a filter has come; `step` leaves it as it is and returns the next one."""
-
-    c: Array  # (3, 3)
-    theta: Array  # (p,)
-    x: Array  # (n,)
-    p: Array  # (n, n)
-    made: Array  # (BASIS, 3, 3)
-    last: Array  # (12,)
-    nis: float = 0.0
-    epochs: int = 0
-
-    def copy(self) -> "State":
-        """Return the same state in arrays of its own."""
-        return replace(
-            self,
-            c=self.c.copy(),
-            theta=self.theta.copy(),
-            x=self.x.copy(),
-            p=self.p.copy(),
-            made=self.made.copy(),
-            last=self.last.copy(),
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,60 +128,49 @@ class Accelerometers:
         covariance[6 : 6 + p, 6 : 6 + p] = self.prior
         at = np.arange(6 + p, 9 + p + q)
         covariance[at, at] = [*self.part.drift[:, 0], *(one.sd**2 for one in self.table)]
-        last = np.zeros(12)
-        last[0] = last[8] = track.time[0]
-        last[7] = -1
         return State(
-            np.eye(3), self.first.copy(), np.zeros(n), covariance, np.zeros((BASIS, 3, 3)), last
+            c=np.eye(3),
+            theta=self.first.copy(),
+            x=np.zeros(n),
+            p=covariance,
+            made=np.zeros((BASIS, 3, 3)),
+            time=np.full(2, track.time[0]),
+            force=np.zeros(3),
+            rate=np.zeros(3),
+            velocity=np.zeros(3),
+            hold=np.array([-1]),
         )
 
     def step(self, state: State, track: Track) -> tuple[State, Course]:
         """Return the state after the samples of a track, and the course through them."""
-        after = state.copy()
+        after = deepcopy(state)
         epochs = strapdown.due_in_holds(
-            track.time,
-            track.hold,
-            model.PERIOD * (1 - 1e-6),
-            float(state.last[8]),
-            int(state.last[7]),
+            track.time, track.hold, model.PERIOD * (1 - 1e-6), after.time[1], after.hold[0]
         )
         angles = track.angles[epochs]
         history = np.zeros((epochs.size, 6 + 2 * state.x.size))
-        terms, gyros = self.part.terms, self.gyros
-        rates = (track.reading[:, gyros.channels] - self.coarse) @ np.linalg.inv(
-            gyros.terms.nominal
-        ).T
+        rates = track.reading[:, self.gyros.channels] - self.coarse
         nis = _accelerometers.accelerometers(
-            track.time,
-            np.ascontiguousarray(track.reading[:, self.part.channels]),
-            rates,
-            track.hold,
-            epochs,
-            reference(self.bench, angles),
-            beside(self.bench, self.table, angles)[:, :2],
-            terms.nominal,
-            terms.axis,
-            terms.weights,
-            model.earth(self.bench),
-            self.bench.gravity.value,
-            self.part.white,
-            float(gyros.white.mean()),
-            self.part.drift,
-            model.CORRELATION,
-            np.array([STILL**2, self.readback**2]),
-            np.array([STILL**2, _ALIGNED**2]),
-            self._held(angles),
-            after.c,
-            after.theta,
-            after.x,
-            after.p,
-            after.made,
-            after.last,
+            Samples(
+                track.time,
+                np.ascontiguousarray(track.reading[:, self.part.channels]),
+                rates @ np.linalg.inv(self.gyros.terms.nominal).T,
+                track.hold,
+            ),
+            Readback(
+                epochs,
+                reference(self.bench, angles),
+                beside(self.bench, self.table, angles)[:, :2],
+                self._held(angles),
+            ),
+            known(self.part, self.bench),
+            Settings(float(self.gyros.white.mean()), STILL**2, self.readback**2, _ALIGNED**2),
+            after,
             history,
         )
         taken = int((history[:, 5] > 0).sum())
-        after = replace(after, nis=state.nis + nis, epochs=state.epochs + taken)
-        return after, model.course("accelerometers", self.names, track.time[epochs], history, 5)
+        after = after._replace(nis=state.nis + nis, epochs=state.epochs + taken)
+        return after, course("accelerometers", self.names, track.time[epochs], history, 5)
 
     def _held(self, angles: Array) -> Array:
         """Return the variance about east and north of what a hold's angles are off by, (e, 2)."""

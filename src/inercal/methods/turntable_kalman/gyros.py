@@ -6,7 +6,8 @@ as corrected so far and compared ten times a second; what is found is fed back.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from copy import deepcopy
+from dataclasses import dataclass
 from math import ceil, radians
 
 import numpy as np
@@ -19,6 +20,8 @@ from inercal.methods.turntable import model, strapdown
 from inercal.methods.turntable.model import Triad, beside
 from inercal.methods.turntable.terms import BASIS
 from inercal.methods.turntable_kalman import _gyros
+from inercal.methods.turntable_kalman._gyros import Readback, Samples, Settings, State
+from inercal.methods.turntable_kalman.common import course, known
 from inercal.parameters import Parameter
 from inercal.recording import Track
 from inercal.sensors import Sensor
@@ -29,40 +32,6 @@ _SURELY = 4.0  # standard deviations
 _KEPT = 64  # samples; a readback may be that late
 _DRIVEN = ("latency", "clock", "azimuth")
 _ALIGNED = 60 * _ARCSEC  # sd of φ where the attitude is taken from the table
-
-
-@dataclass(frozen=True, eq=False)
-class State:
-    """How far a filter has come; `step` leaves it as it is and returns the next one."""
-
-    c: Array  # (3, 3)
-    theta: Array  # (p,)
-    x: Array  # (n,)
-    p: Array  # (n, n)
-    made: Array  # (BASIS, 3, 3)
-    last: Array  # (9,)
-    times: Array  # (k,)
-    past: Array  # (k, 3, 3)
-    tail: Array  # (lag, 1 + axes): time and readback of the last samples
-    start: Array  # (4,)
-    nis: float = 0.0
-    epochs: int = 0
-
-    def copy(self) -> "State":
-        """Return the same state in arrays of its own."""
-        return replace(
-            self,
-            c=self.c.copy(),
-            theta=self.theta.copy(),
-            x=self.x.copy(),
-            p=self.p.copy(),
-            made=self.made.copy(),
-            last=self.last.copy(),
-            times=self.times.copy(),
-            past=self.past.copy(),
-            tail=self.tail.copy(),
-            start=self.start.copy(),
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,24 +133,26 @@ class Gyros:
         x = np.zeros(n)
         x[6 + p :] = [one.value for one in self.table]
         time, mat = float(track.time[0]), reference(self.bench, track.angles[:1])[0]
-        rate = track.reading[0, self.part.channels].tolist()
         return State(
-            mat,
-            self.first.copy(),
-            x,
-            covariance,
-            np.zeros((BASIS, 3, 3)),
-            np.array([time, *rate, 0.0, *rate, 0.0]),
-            np.full(_KEPT, time),
-            np.tile(mat, (_KEPT, 1, 1)),
-            np.tile([time, *track.angles[0]], (self.lag, 1)),
-            np.array([_ALIGNED**2, time, time, 0.0]),
+            c=mat,
+            theta=self.first.copy(),
+            x=x,
+            p=covariance,
+            made=np.zeros((BASIS, 3, 3)),
+            time=np.full(3, time),
+            rates=np.tile(track.reading[0, self.part.channels], (2, 1)),
+            bent=np.zeros(1),
+            lost=np.array([False]),
+            times=np.full(_KEPT, time),
+            past=np.tile(mat, (_KEPT, 1, 1)),
+            newest=np.array([0]),
+            tail=np.tile([time, *track.angles[0]], (self.lag, 1)),
         )
 
     def step(self, state: State, track: Track) -> tuple[State, Course]:
         """Return the state after the samples of a track, and the course through them."""
-        after = state.copy()
-        epochs = strapdown.due(track.time, model.PERIOD * (1 - 1e-6), after.start[1])
+        after = deepcopy(state)
+        epochs = strapdown.due(track.time, model.PERIOD * (1 - 1e-6), after.time[1])
         if not self.turning:
             epochs = epochs[track.hold[epochs] >= 0]
         stamps, angles = track.time, track.angles
@@ -189,46 +160,28 @@ class Gyros:
             stamps = np.concatenate([after.tail[:, 0], stamps])
             angles = np.concatenate([after.tail[:, 1:], angles])
         angles = angles[epochs]
-        n = state.x.size
-        history = np.zeros((epochs.size, 4 + 2 * n))
-        terms = self.part.terms
+        history = np.zeros((epochs.size, 4 + 2 * state.x.size))
         nis = _gyros.gyros(
-            track.time,
-            np.ascontiguousarray(track.reading[:, self.part.channels]),
-            track.hold,
-            epochs,
-            track.time[epochs] - stamps[epochs],
-            reference(self.bench, angles),
-            beside(self.bench, self.table, angles, skipped=_DRIVEN),
-            terms.nominal,
-            terms.axis,
-            terms.weights,
-            model.earth(self.bench),
-            self.bench.gravity.value,
-            self.part.white,
-            self.part.drift,
-            model.CORRELATION,
-            self.readback**2,
-            after.start,
-            self._late(),
-            model.GAP,
-            self.closed,
-            after.c,
-            after.theta,
-            after.x,
-            after.p,
-            after.made,
-            after.last,
-            after.times,
-            after.past,
+            Samples(
+                track.time, np.ascontiguousarray(track.reading[:, self.part.channels]), track.hold
+            ),
+            Readback(
+                epochs,
+                track.time[epochs] - stamps[epochs],
+                reference(self.bench, angles),
+                beside(self.bench, self.table, angles, skipped=_DRIVEN),
+            ),
+            known(self.part, self.bench),
+            Settings(self.readback**2, _ALIGNED**2, model.GAP, self._late(), self.closed),
+            after,
             history,
         )
-        taken = int((history[:, 3] > 0).sum())
         if self.lag:
             kept = np.column_stack([track.time, track.angles])[-self.lag :]
-            after = replace(after, tail=np.concatenate([after.tail, kept])[-self.lag :])
-        after = replace(after, nis=state.nis + nis, epochs=state.epochs + taken)
-        return after, model.course("gyros", self.names, track.time[epochs], history, 3)
+            after = after._replace(tail=np.concatenate([after.tail, kept])[-self.lag :])
+        taken = int((history[:, 3] > 0).sum())
+        after = after._replace(nis=state.nis + nis, epochs=state.epochs + taken)
+        return after, course("gyros", self.names, track.time[epochs], history, 3)
 
     def _late(self) -> NDArray[np.int64]:
         """Return where latency, clock and azimuth stand among the states."""

@@ -1,0 +1,102 @@
+"""Compiled: what both filters' kernels are given, and the steps that they share.
+
+All that a kernel changes are arrays, in place: a recording may come in pieces.
+"""
+# Numba's decorator has no types.
+# pyright: reportUntypedFunctionDecorator=false
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from inercal.methods.turntable.strapdown import matrix, sum_up, taken
+from inercal.methods.turntable.terms import BASIS, Terms
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+class Model(NamedTuple):
+    """Of three axes and the place where they are."""
+
+    terms: Terms
+    white: Array  # (3,), variance of the integral of the noise, SI²/s
+    drift: Array  # (3, 2), of each bias: variance of its drift, and of its walk by second
+    correlation: float  # s, of the drift
+    earth: Array  # (3,) rad/s, level frame
+    gravity: float  # m/s²
+
+
+class Work(NamedTuple):
+    """What a kernel works out anew, in arrays that it need not allocate each time."""
+
+    used: Indices  # which of φ the coefficients take part of
+    m: Array  # M, (3, 3)
+    by: Array  # what each of φ adds to the readings, (BASIS, 3)
+    phi: Array  # φ of the last step, (BASIS,)
+    cm: Array  # C M in its middle, (3, 3)
+    half: Array  # C in its middle, (3, 3)
+    mean: Array  # reading, (3,)
+    u: Array  # as corrected, (3,)
+    turn: Array  # rotation vectors, (3,)
+    fed: Array
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def work(model: Model, theta: Array, drift: Array) -> Work:
+    """Return where a piece begins: M and φ of coefficients (p,), drift of the biases (3,)."""
+    made = Work(
+        taken(model.terms.weights),
+        np.zeros((3, 3)),
+        np.zeros((BASIS, 3)),
+        np.zeros(BASIS),
+        np.zeros((3, 3)),
+        np.zeros((3, 3)),
+        np.zeros(3),
+        np.zeros(3),
+        np.zeros(3),
+        np.zeros(3),
+    )
+    made.phi[0] = 1.0
+    corrected(made, model, theta, drift)
+    return made
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def corrected(work: Work, model: Model, theta: Array, drift: Array) -> None:
+    """Write M and what each of φ adds, as found so far."""
+    terms = model.terms
+    matrix(terms.nominal, terms.axis, terms.weights, theta, terms.first, work.m)
+    sum_up(terms.axis, terms.weights, theta, drift, work.used, work.by)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def product(a: Array, b: Array, out: Array) -> None:
+    """Write the product of 3 × 3 matrices."""
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = 0.0
+            for k in range(3):
+                out[i, j] += a[i, k] * b[k, j]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def walked(cm: Array, noise: Array, since: float, out: Array) -> None:
+    """Write what white noise makes of an integral over a time, C M diag(noise) (C M)ᵀ Δt."""
+    for k in range(3):
+        for j in range(3):
+            out[k, j] = 0.0
+            for b in range(3):
+                out[k, j] += cm[k, b] * noise[b] * cm[j, b] * since
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def drifted(model: Model, since: float, first: int, x: Array, keep: Array, drawn: Array) -> None:
+    """Carry the drift, three states from `first` on, over a time; write diagonals of Φ and Q."""
+    kept, drift = np.exp(-since / model.correlation), model.drift
+    for k in range(3):
+        x[first + k] *= kept
+        keep[first + k] = kept
+        drawn[first + k] = drift[k, 0] * (1 - kept * kept) + drift[k, 1] * since
