@@ -3,6 +3,7 @@
 # pyright: reportMissingTypeStubs=false
 
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from math import radians
 from typing import Literal, NamedTuple
 
@@ -121,7 +122,7 @@ def followed(
         [run(sensor, bench, track.trial(*index), way, priors) for run in runs]
         for index in np.ndindex(*lead)
     ]
-    for one in trials[0]:
+    for one in chain.from_iterable(trials):
         _require_decided(one)
     names = _names(sensor, trials[0])
     made = [_together(names, trial) for trial in trials]
