@@ -233,5 +233,5 @@ def test_what_is_exact_in_the_bench_is_not_estimated():
     exact = replace(bench(), harmonics=(), square=0.0, lean=0.0)
     made = turntable.draw(5, 1, turntable.whole(20.0))
     one = track(made).trial(0)
-    assert len(Gyros.of(sensor(), exact, one).names) == 12 + 3 + 2
-    assert len(Accelerometers.of(sensor(), exact, one).names) == 12 + 3
+    assert len(Gyros.of(sensor(), exact, one).states) == 3 + 12 + 3 + 2
+    assert len(Accelerometers.of(sensor(), exact, one).states) == 6 + 12 + 3

@@ -1,6 +1,6 @@
 """Estimation: a problem in, an estimate with covariance and its null space out. No sensor words."""
 
-from inercal.estimate.course import Course
+from inercal.estimate.course import Course, Smoothed
 from inercal.estimate.factors import Gauge, Gaussian
 from inercal.estimate.least_squares import least_squares
 from inercal.estimate.linear import linear
@@ -19,6 +19,7 @@ __all__ = [
     "Huber",
     "NullDirection",
     "Problem",
+    "Smoothed",
     "least_squares",
     "linear",
 ]

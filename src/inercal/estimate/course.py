@@ -9,6 +9,21 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
+class Smoothed:
+    """States that vary, at each epoch of a course, as all its epochs together say.
+
+    Parameters
+    ----------
+    names : tuple of r str
+    value, std : (e, r) arrays
+    """
+
+    names: tuple[str, ...]
+    value: Array
+    std: Array
+
+
+@dataclass(frozen=True, eq=False)
 class Course:
     """The course of one filter.
 
@@ -26,6 +41,8 @@ class Course:
         What was observed beyond what was expected.
     nis : (e,) array
         Normalised innovation squared of q components: q on the average, where all is as stated.
+    smoothed : Smoothed or None
+        None where it was not asked for.
     """
 
     name: str
@@ -35,11 +52,12 @@ class Course:
     std: Array
     innovation: Array
     nis: Array
+    smoothed: Smoothed | None = None
 
     def joined(self, other: "Course") -> "Course":
-        """Return this course and one that follows it."""
-        pairs = (
+        """Return this course and one that follows it, not smoothed: neither knows the other."""
+        time, value, std, innovation, nis = (
             np.concatenate([getattr(self, key), getattr(other, key)])
             for key in ("time", "value", "std", "innovation", "nis")
         )
-        return Course(self.name, self.names, *pairs)
+        return Course(self.name, self.names, time, value, std, innovation, nis)

@@ -1,4 +1,4 @@
-"""The two steps of a Kalman filter whose first states alone are driven, compiled.
+"""The two steps of a Kalman filter whose first states alone are driven, and its way back, compiled.
 
 Of n states the first k follow a dense transition, the others decay each by itself::
 
@@ -9,15 +9,68 @@ which a filter of few states driven by many constants has: A P costs k n² where
 costs n³. Observations are taken one by one, P ← P − (P h)(P h)ᵀ / s, s = hᵀ P h + r, which stays
 symmetric to the last bit. Source: Bierman, Factorization Methods for Discrete Sequential
 Estimation (1977), chapters II.6 and V.
+
+The way back (fixed-interval smoother) goes over the same steps from the last to the first, with
+x̂_s = x̂ + P λ and P_s = P − P Λ P; λ and Λ are zero at the end, and before a step::
+
+    update    λ ← λ + h (ν / s − kᵀ λ)    Λ ← (I − h kᵀ) Λ (I − k hᵀ) + h hᵀ / s
+    predict   λ ← Φᵀ λ                    Λ ← Φᵀ Λ Φ
+
+ν the innovation, s its variance, k = P h / s. It gives what Rauch, Tung and Striebel (1965, AIAA
+Journal 3(8), 1445–1450) give, but inverts no covariance: constants that are hardly known at the
+start make one singular. Only P λ is added to an estimate, so that errors that a filter has fed back
+need no account. Source: Bierman, Fixed interval smoothing with discrete measurements,
+International Journal of Control 18(1), 1973, 65–75.
 """
 # Numba's decorator has no types.
 # pyright: reportUntypedFunctionDecorator=false
+
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+class Steps(NamedTuple):
+    """What a filter of n states did at each of e epochs: a prediction, then m observations.
+
+    A filter writes into row `epoch % len(s)`: of a way back that nobody asks for one row is kept.
+    """
+
+    a: Array  # (e, k, n) and (e, n): Φ as `predict` takes it, since the epoch before
+    keep: Array
+    h: Array  # (e, m, n)
+    gain: Array  # (e, m, n), k
+    off: Array  # (e, m), ν
+    s: Array  # (e, m), 0 of what was not observed
+    wanted: Indices  # (r,), the states that are asked for
+    rows: Array  # (e, r, n), theirs of P after the epoch
+
+
+def steps(epochs: int, n: int, k: int, m: int, wanted: Indices) -> Steps:
+    """Return room for the steps of a filter; of one epoch where no state is wanted.
+
+    Parameters
+    ----------
+    epochs, n, k, m : int
+        e, states, driven states, observations.
+    wanted : (r,) array of int
+    """
+    e = epochs if wanted.size else 1
+    return Steps(
+        np.zeros((e, k, n)),
+        np.ones((e, n)),
+        np.zeros((e, m, n)),
+        np.zeros((e, m, n)),
+        np.zeros((e, m)),
+        np.zeros((e, m)),
+        wanted,
+        np.zeros((e, wanted.size, n)),
+    )
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -63,8 +116,8 @@ def predict(p: Array, a: Array, keep: Array, driven: Array, drawn: Array) -> Non
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def update(x: Array, p: Array, h: Array, z: float, r: float) -> float:
-    """Take one observation z = hᵀ x + noise of variance r, in place; return its NIS.
+def update(x: Array, p: Array, h: Array, z: float, r: float, gain: Array) -> tuple[float, float]:
+    """Take one observation z = hᵀ x + noise of variance r, in place; return ν and its variance.
 
     Parameters
     ----------
@@ -72,6 +125,8 @@ def update(x: Array, p: Array, h: Array, z: float, r: float) -> float:
         Estimate and covariance.
     h : (n,) array
     z, r : float
+    gain : (n,) array
+        k is written there.
     """
     n = x.size
     ph = np.zeros(n)
@@ -84,9 +139,73 @@ def update(x: Array, p: Array, h: Array, z: float, r: float) -> float:
         s += h[m] * ph[m]
         off -= h[m] * x[m]
     for j in range(n):
-        gain = ph[j] / s
-        x[j] += gain * off
+        gain[j] = ph[j] / s
+        x[j] += gain[j] * off
         for m in range(j, n):
-            p[j, m] -= gain * ph[m]
+            p[j, m] -= gain[j] * ph[m]
             p[m, j] = p[j, m]
-    return off * off / s
+    return off, s
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def smoothed(steps: Steps) -> tuple[Array, Array]:
+    """Return what all epochs add to the filter's estimates, (e, r), and the variances then, (e, r).
+
+    Of the states that are wanted, after each epoch.
+    """
+    count, r, n = steps.rows.shape
+    by, large = np.zeros(n), np.zeros((n, n))  # λ, Λ
+    added, variance = np.zeros((count, r)), np.zeros((count, r))
+    moved, ahead = np.zeros(n), np.zeros((n, n))
+    for e in range(count - 1, -1, -1):
+        for i, state in enumerate(steps.wanted):
+            row = steps.rows[e, i]
+            added[e, i] = row @ by
+            variance[e, i] = row[state] - row @ (large @ row)
+        for j in range(steps.s.shape[1] - 1, -1, -1):
+            if steps.s[e, j] > 0:
+                _before_update(steps.h[e, j], steps.gain[e, j], steps.off[e, j], steps.s[e, j],
+                               by, large, moved)  # fmt: skip
+        _before_predict(steps.a[e], steps.keep[e], by, large, moved, ahead)
+    return added, variance
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _before_update(
+    h: Array, gain: Array, off: float, s: float, by: Array, large: Array, moved: Array
+) -> None:
+    """Carry λ and Λ back over an update, in place; `moved` is overwritten."""
+    n = h.size
+    moved[:] = large @ gain
+    along, twice = off / s - gain @ by, 1 / s + gain @ moved
+    for i in range(n):
+        by[i] += h[i] * along
+        for m in range(i, n):
+            large[i, m] += h[i] * h[m] * twice - h[i] * moved[m] - moved[i] * h[m]
+            large[m, i] = large[i, m]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _before_predict(
+    a: Array, keep: Array, by: Array, large: Array, moved: Array, ahead: Array
+) -> None:
+    """Carry λ and Λ back over a prediction, in place; `moved` and `ahead` are overwritten."""
+    k, n = a.shape
+    for i in range(n):
+        moved[i] = keep[i] * by[i] if i >= k else 0.0
+        for m in range(k):
+            moved[i] += a[m, i] * by[m]
+    by[:] = moved
+    for i in range(n):
+        for j in range(n):
+            ahead[i, j] = large[i, j] * keep[j] if j >= k else 0.0
+        for m in range(k):
+            for j in range(n):
+                ahead[i, j] += large[i, m] * a[m, j]
+    for i in range(n):
+        for j in range(i, n):
+            total = keep[i] * ahead[i, j] if i >= k else 0.0
+            for m in range(k):
+                total += a[m, i] * ahead[m, j]
+            large[i, j] = total
+            large[j, i] = total

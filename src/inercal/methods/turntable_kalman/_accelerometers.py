@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from inercal.estimate.kalman import predict, update
+from inercal.estimate.kalman import Steps, predict, update
 from inercal.methods.turntable.strapdown import (
     add_up,
     apart,
@@ -88,6 +88,7 @@ def accelerometers(
     model: Model,
     settings: Settings,
     state: State,
+    steps: Steps,
     history: Array,
 ) -> float:
     """Run the accelerometers' filter over a piece of a recording; return the sum of NIS.
@@ -97,6 +98,8 @@ def accelerometers(
     samples, readback, model, settings
     state : State
         Its arrays are changed in place.
+    steps : Steps
+        Written at each epoch.
     history : (e, 6 + 2 n) array
         As of `gyros`, with five observations.
     """
@@ -104,17 +107,19 @@ def accelerometers(
     count, n = theta.size, x.size
     gm = 6 + count
     done = work(model, theta, x[gm : gm + 3])
-    a, keep, drawn, driven = np.zeros((6, n)), np.ones(n), np.zeros(n), np.zeros((6, 6))
-    z, h = np.zeros(5), np.zeros((5, n))
-    total = 0.0
-    first = 0
+    drawn, driven, z = np.zeros(n), np.zeros((6, 6)), np.zeros(5)
+    total, first = 0.0, 0
     for e in range(readback.epochs.size):
+        row = e % len(steps.s)
+        a, keep, h, gain = steps.a[row], steps.keep[row], steps.h[row], steps.gain[row]
         here = samples.hold[readback.epochs[e]]
         first = _carry(first, readback.epochs[e] + 1, samples, model, state, done)
         if here != state.hold[0]:
             state.hold[0] = here
-            _begin(e, readback, model, settings, state)
+            _begin(e, readback, model, settings, state, a, keep, drawn, driven)
+            predict(p, a, keep, driven, drawn)
             history[e, :6] = 0.0
+            steps.s[row] = 0.0
         else:
             _transition(model, settings, state, done, a, keep, drawn, driven)
             predict(p, a, keep, driven, drawn)
@@ -124,7 +129,10 @@ def accelerometers(
                 history[e, k] = z[k]
                 for j in range(gm + 3, n):
                     history[e, k] -= h[k, j] * x[j]
-                nis += update(x, p, h[k], z[k], settings.still if k < 3 else settings.readback)
+                variance = settings.still if k < 3 else settings.readback
+                off, s = update(x, p, h[k], z[k], variance, gain[k])
+                steps.off[row, k], steps.s[row, k] = off, s
+                nis += off * off / s
             history[e, 5] = nis
             total += nis
             _feed_back(state, done)
@@ -132,6 +140,8 @@ def accelerometers(
         for s in range(n):
             history[e, 6 + s] = theta[s - 6] if 6 <= s < gm else x[s]
             history[e, 6 + n + s] = p[s, s]
+        for r, s in enumerate(steps.wanted):
+            steps.rows[row, r] = p[s]
     _carry(first, samples.time.size, samples, model, state, done)
     return total
 
@@ -183,26 +193,34 @@ def _carry(first: int, end: int, samples: Samples, model: Model, state: State, d
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _begin(e: int, readback: Readback, model: Model, settings: Settings, state: State) -> None:
-    """Begin a hold: attitude from the table, velocity zero; the drift goes on."""
-    x, p = state.x, state.p
-    n, gm = x.size, 6 + state.theta.size
+def _begin(
+    e: int,
+    readback: Readback,
+    model: Model,
+    settings: Settings,
+    state: State,
+    a: Array,
+    keep: Array,
+    drawn: Array,
+    driven: Array,
+) -> None:
+    """Begin a hold: attitude from the table, velocity zero; Φ and Q keep all but what is its own.
+
+    The drift goes on.
+    """
+    gm = 6 + state.theta.size
     own = gm + 3 + readback.beside.shape[2]  # where a hold's own error begins
-    keep, drawn = np.ones(n), np.zeros(n)
-    drifted(model, state.time[0] - state.time[1], gm, x, keep, drawn)
+    a[:] = 0.0
+    driven[:] = 0.0
+    keep[:] = 1.0
+    drawn[:] = 0.0
+    for k in range(3):
+        driven[k, k], driven[3 + k, 3 + k] = settings.still, settings.fresh
+    for s in range(own, keep.size):
+        keep[s], drawn[s] = 0.0, readback.held[e, s - own]
+        state.x[s] = 0.0
+    drifted(model, state.time[0] - state.time[1], gm, state.x, keep, drawn)
     state.time[1] = state.time[0]
-    for s in range(gm, gm + 3):
-        p[s, :] *= keep[s]
-        p[:, s] *= keep[s]
-        p[s, s] += drawn[s]
-    for s in range(n):
-        if s < 6 or s >= own:
-            p[s, :] = 0.0
-            p[:, s] = 0.0
-            x[s] = 0.0
-            p[s, s] = (
-                settings.still if s < 3 else settings.fresh if s < 6 else readback.held[e, s - own]
-            )
     state.velocity[:] = 0.0
     state.made[:] = 0.0
     state.c[:] = readback.attitude[e]
@@ -225,6 +243,8 @@ def _transition(
     state.time[1] = state.time[0]
     driven[:] = 0.0
     a[:] = 0.0
+    keep[:] = 1.0
+    drawn[:] = 0.0
     driven_by(state.made, terms.axis, terms.weights, done.used, 1.0, 6, a)
     walked(done.cm, model.white, since, driven)
     for k in range(3):

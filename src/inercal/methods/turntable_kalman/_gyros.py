@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from inercal.estimate.kalman import predict, update
+from inercal.estimate.kalman import Steps, predict, update
 from inercal.methods.turntable.strapdown import (
     BENT,
     KINK,
@@ -96,6 +96,7 @@ def gyros(
     model: Model,
     settings: Settings,
     state: State,
+    steps: Steps,
     history: Array,
 ) -> float:
     """Run the gyros' filter over a piece of a recording; return the sum of NIS.
@@ -105,6 +106,8 @@ def gyros(
     samples, readback, model, settings
     state : State
         Its arrays are changed in place.
+    steps : Steps
+        Written at each epoch.
     history : (e, 4 + 2 n) array
         Written at each epoch: innovations (3), NIS, the estimates (x with the coefficients
         in their place, φ zero) and their variances.
@@ -113,19 +116,22 @@ def gyros(
     count, n = theta.size, x.size
     gm = 3 + count
     done = work(model, theta, x[gm : gm + 3])
-    a, keep, drawn, driven = np.zeros((3, n)), np.ones(n), np.zeros(n), np.zeros((3, 3))
-    z, h = np.zeros(3), np.zeros((3, n))
-    total = 0.0
-    first = 0
+    drawn, driven, z = np.zeros(n), np.zeros((3, 3)), np.zeros(3)
+    total, first = 0.0, 0
     for e in range(readback.epochs.size):
+        row = e % len(steps.s)
+        a, keep, h, gain = steps.a[row], steps.keep[row], steps.h[row], steps.gain[row]
         first = _carry(first, readback.epochs[e] + 1, samples, model, settings, state, done)
         _transition(model, settings, state, done, a, keep, drawn, driven)
+        anew = state.lost[0]
+        if anew:
+            _align(e, readback, settings, state, done, a, driven)
         if not settings.closed:
             _follow(x, a)
         predict(p, a, keep, driven, drawn)
-        if state.lost[0]:
-            _align(e, readback, settings, state, done)
+        if anew:
             history[e, :4] = 0.0
+            steps.s[row] = 0.0
         else:
             _observe(e, readback, model, settings, state, done, z, h)
             nis = 0.0
@@ -134,7 +140,9 @@ def gyros(
                 for j in range(gm + 3, n):
                     history[e, k] -= h[k, j] * x[j]
             for k in range(3):
-                nis += update(x, p, h[k], z[k], settings.variance)
+                off, s = update(x, p, h[k], z[k], settings.variance, gain[k])
+                steps.off[row, k], steps.s[row, k] = off, s
+                nis += off * off / s
             history[e, 3] = nis
             total += nis
             if settings.closed:
@@ -143,6 +151,8 @@ def gyros(
         for s in range(n):
             history[e, 4 + s] = theta[s - 3] + x[s] if 3 <= s < gm else x[s]
             history[e, 4 + n + s] = p[s, s]
+        for r, s in enumerate(steps.wanted):
+            steps.rows[row, r] = p[s]
     _carry(first, samples.time.size, samples, model, settings, state, done)
     return total
 
@@ -247,8 +257,16 @@ def _follow(x: Array, a: Array) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _align(e: int, readback: Readback, settings: Settings, state: State, done: Work) -> None:
-    """Take the attitude from readback: φ is lost, all else is kept."""
+def _align(
+    e: int,
+    readback: Readback,
+    settings: Settings,
+    state: State,
+    done: Work,
+    a: Array,
+    driven: Array,
+) -> None:
+    """Take the attitude from readback: φ is lost, in Φ and Q too, all else is kept."""
     x, p, late = state.x, state.p, settings.late[0]
     state.lost[0] = False
     delay, fastest, spread = readback.behind[e], 0.0, settings.aligned
@@ -262,10 +280,10 @@ def _align(e: int, readback: Readback, settings: Settings, state: State, done: W
         spread += fastest * p[late, late]
     state.c[:] = readback.attitude[e]
     rotate(state.c, done.turn)
+    a[:] = 0.0
+    driven[:] = 0.0
     for k in range(3):
-        p[k, :] = 0.0
-        p[:, k] = 0.0
-        p[k, k] = spread
+        driven[k, k] = spread
     state.times[:] = state.time[0]
     state.past[:] = state.c
 

@@ -24,7 +24,7 @@ from inercal.methods.turntable.model import Triad, beside
 from inercal.methods.turntable.terms import BASIS
 from inercal.methods.turntable_kalman import _accelerometers
 from inercal.methods.turntable_kalman._accelerometers import Readback, Samples, Settings, State
-from inercal.methods.turntable_kalman.common import course, known
+from inercal.methods.turntable_kalman.common import TILT, course, drift_of, known, room
 from inercal.parameters import Parameter
 from inercal.recording import Track
 from inercal.sensors import Sensor
@@ -33,6 +33,7 @@ Array = NDArray[np.float64]
 _ARCSEC = radians(1 / 3600)
 STILL = 1e-3  # m/s, how far velocity at rest is known to be zero
 _ALIGNED = 5e-4  # rad, sd of φ where a hold begins
+_MOVING = ("v_e", "v_n", "v_u", *TILT)
 _COMMON = ("lean_x", "lean_y")  # of the base; what else a hold is off by is its own
 
 
@@ -114,11 +115,20 @@ class Accelerometers:
         return cls(part, gyros, bench, prior, first, coarse, kept, table == "lean", readback)
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the states from the coefficients on."""
-        drift = tuple(f"drift[{axis.name}]" for axis in self.part.sensor.axes)
-        own = ("hold_x", "hold_y") if self.holds else ()
-        return (*self.part.sensor.coefficients, *drift, *(q.name for q in self.table), *own)
+    def states(self) -> tuple[str, ...]:
+        """Names of the states."""
+        table = (q.name for q in self.table)
+        coefficients = self.part.sensor.coefficients
+        return (*_MOVING, *coefficients, *drift_of(self.part), *table, *self._own)
+
+    @property
+    def varying(self) -> tuple[str, ...]:
+        """Names of the states that vary with time."""
+        return (*_MOVING, *drift_of(self.part), *self._own)
+
+    @property
+    def _own(self) -> tuple[str, ...]:
+        return ("hold_x", "hold_y") if self.holds else ()
 
     def start(self, track: Track) -> State:
         """Return the state before the first sample of a track."""
@@ -141,14 +151,24 @@ class Accelerometers:
             hold=np.array([-1]),
         )
 
-    def step(self, state: State, track: Track) -> tuple[State, Course]:
-        """Return the state after the samples of a track, and the course through them."""
+    def step(self, state: State, track: Track, smooth: Sequence[str] = ()) -> tuple[State, Course]:
+        """Return the state after the samples of a track, and the course through them.
+
+        Parameters
+        ----------
+        state : State
+        track : Track
+            The samples that follow.
+        smooth : sequence of str
+            States whose course is smoothed by all of the track, as `varying`.
+        """
         after = deepcopy(state)
         epochs = strapdown.due_in_holds(
             track.time, track.hold, model.PERIOD * (1 - 1e-6), after.time[1], after.hold[0]
         )
         angles = track.angles[epochs]
         history = np.zeros((epochs.size, 6 + 2 * state.x.size))
+        steps = room(self.states, smooth, epochs.size, 6, 5)
         rates = track.reading[:, self.gyros.channels] - self.coarse
         nis = _accelerometers.accelerometers(
             Samples(
@@ -166,11 +186,14 @@ class Accelerometers:
             known(self.part, self.bench),
             Settings(float(self.gyros.white.mean()), STILL**2, self.readback**2, _ALIGNED**2),
             after,
+            steps,
             history,
         )
         taken = int((history[:, 5] > 0).sum())
         after = after._replace(nis=state.nis + nis, epochs=state.epochs + taken)
-        return after, course("accelerometers", self.names, track.time[epochs], history, 5)
+        return after, course(
+            "accelerometers", self.states, smooth, track.time[epochs], history, steps
+        )
 
     def _held(self, angles: Array) -> Array:
         """Return the variance about east and north of what a hold's angles are off by, (e, 2)."""

@@ -1,14 +1,19 @@
 """What both filters hand to their kernels, and read from them."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches.turntable import Turntable
-from inercal.estimate import Course
+from inercal.estimate import Course, Smoothed
+from inercal.estimate.kalman import Steps, smoothed, steps
 from inercal.methods.turntable.model import CORRELATION, Triad, earth
 from inercal.methods.turntable_kalman._common import Model
 
 Array = NDArray[np.float64]
+TILT = ("phi_e", "phi_n", "phi_u")
+"""φ: how far the attitude that a filter went by is off, about east, north and up."""
 
 
 def known(part: Triad, bench: Turntable) -> Model:
@@ -16,11 +21,36 @@ def known(part: Triad, bench: Turntable) -> Model:
     return Model(part.terms, part.white, part.drift, CORRELATION, earth(bench), bench.gravity.value)
 
 
-def course(name: str, names: tuple[str, ...], time: Array, history: Array, q: int) -> Course:
-    """Return the course of what a kernel wrote, (e, q + 1 + 2 n), of the last states alone."""
-    n, k = (history.shape[1] - q - 1) // 2, len(names)
-    value, variance = history[:, q + 1 : q + 1 + n], history[:, q + 1 + n :]
+def drift_of(part: Triad) -> tuple[str, ...]:
+    """Return the names of the drift of each bias."""
+    return tuple(f"drift[{axis.name}]" for axis in part.sensor.axes)
+
+
+def room(states: tuple[str, ...], smooth: Sequence[str], epochs: int, k: int, m: int) -> Steps:
+    """Return room for what a kernel does at each epoch, for the way back of some states."""
+    wanted = np.array([states.index(name) for name in smooth], dtype=np.int64)
+    return steps(epochs, len(states), k, m, wanted)
+
+
+def course(
+    name: str,
+    states: tuple[str, ...],
+    smooth: Sequence[str],
+    time: Array,
+    history: Array,
+    made: Steps,
+) -> Course:
+    """Return the course of what a kernel wrote, (e, m + 1 + 2 n), and its way back.
+
+    The first k states, φ among them, are in the latter alone.
+    """
+    (_, k, n), m = made.a.shape, made.s.shape[1]
+    value, variance = history[:, m + 1 : m + 1 + n], history[:, m + 1 + n :]
+    found = None
+    if smooth:
+        added, spread = smoothed(made)
+        found = Smoothed(tuple(smooth), value[:, made.wanted] + added, np.sqrt(spread))
     return Course(
-        name, names, time, value[:, n - k :], np.sqrt(variance[:, n - k :]),
-        history[:, :q], history[:, q],
+        name, states[k:], time, value[:, k:], np.sqrt(variance[:, k:]),
+        history[:, :m], history[:, m], found,
     )  # fmt: skip

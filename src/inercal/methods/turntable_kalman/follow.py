@@ -58,38 +58,50 @@ class Filtered(NamedTuple):
 
 
 def gyros(
-    sensor: Sensor, bench: Turntable, track: Track, way: Way, priors: Sequence[Gaussian] = ()
+    sensor: Sensor,
+    bench: Turntable,
+    track: Track,
+    way: Way,
+    priors: Sequence[Gaussian] = (),
+    *,
+    smooth: bool = False,
 ) -> Filtered:
-    """Run the gyros' filter over one trial's track."""
+    """Run the gyros' filter over one trial's track, and back where that is wanted."""
     made = Gyros.of(
         sensor, bench, track, priors,
         drifting=way.drifting, table=way.table, readback=way.turning,
     )  # fmt: skip
-    state, course = made.step(made.start(track), track)
+    state, course = made.step(made.start(track), track, made.varying if smooth else ())
     value = state.x[3:].copy()
     value[: len(made.first)] += state.theta
     return Filtered(
-        made.part, made.names, value, state.p[3:, 3:], course,
+        made.part, course.names, value, state.p[3:, 3:], course,
         state.nis, 3 * state.epochs, way.turning, "rad",
     )  # fmt: skip
 
 
 def accelerometers(
-    sensor: Sensor, bench: Turntable, track: Track, way: Way, priors: Sequence[Gaussian] = ()
+    sensor: Sensor,
+    bench: Turntable,
+    track: Track,
+    way: Way,
+    priors: Sequence[Gaussian] = (),
+    *,
+    smooth: bool = False,
 ) -> Filtered:
-    """Run the accelerometers' filter over one trial's track."""
+    """Run the accelerometers' filter over one trial's track, and back where that is wanted."""
     made = Accelerometers.of(
         sensor, bench, track, priors,
         drifting=way.drifting, table=way.holding_table, readback=way.holding,
     )  # fmt: skip
-    state, course = made.step(made.start(track), track)
+    state, course = made.step(made.start(track), track, made.varying if smooth else ())
     p, g = len(made.first), bench.gravity
     value, covariance = state.x[6:].copy(), state.p[6:, 6:].copy()
     value[:p] = state.theta
     along = model.of_gravity(made.part)
     covariance[:p, :p] += (g.sd / g.value) ** 2 * np.outer(along, along)
     return Filtered(
-        made.part, made.names, value, covariance, course,
+        made.part, course.names, value, covariance, course,
         state.nis, 5 * state.epochs, STILL, "m/s",
     )  # fmt: skip
 
@@ -119,7 +131,11 @@ def followed(
     runs = [run for kind, run in (("w", gyros), ("f", accelerometers)) if kind in kinds]
     lead = track.reading.shape[:-2]
     trials = [
-        [run(sensor, bench, track.trial(*index), way, priors) for run in runs]
+        # Of several trials the first one's course is kept.
+        [
+            run(sensor, bench, track.trial(*index), way, priors, smooth=not any(index))
+            for run in runs
+        ]
         for index in np.ndindex(*lead)
     ]
     for one in chain.from_iterable(trials):

@@ -21,7 +21,7 @@ from inercal.methods.turntable.model import Triad, beside
 from inercal.methods.turntable.terms import BASIS
 from inercal.methods.turntable_kalman import _gyros
 from inercal.methods.turntable_kalman._gyros import Readback, Samples, Settings, State
-from inercal.methods.turntable_kalman.common import course, known
+from inercal.methods.turntable_kalman.common import TILT, course, drift_of, known, room
 from inercal.parameters import Parameter
 from inercal.recording import Track
 from inercal.sensors import Sensor
@@ -115,10 +115,15 @@ class Gyros:
         return cls(part, bench, prior, first, tuple(wanted), readback, lag)
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the states from the coefficients on."""
-        drift = tuple(f"drift[{axis.name}]" for axis in self.part.sensor.axes)
-        return (*self.part.sensor.coefficients, *drift, *(q.name for q in self.table))
+    def states(self) -> tuple[str, ...]:
+        """Names of the states."""
+        table = (q.name for q in self.table)
+        return (*TILT, *self.part.sensor.coefficients, *drift_of(self.part), *table)
+
+    @property
+    def varying(self) -> tuple[str, ...]:
+        """Names of the states that vary with time."""
+        return (*TILT, *drift_of(self.part))
 
     def start(self, track: Track) -> State:
         """Return the state before the first sample of a track."""
@@ -149,8 +154,17 @@ class Gyros:
             tail=np.tile([time, *track.angles[0]], (self.lag, 1)),
         )
 
-    def step(self, state: State, track: Track) -> tuple[State, Course]:
-        """Return the state after the samples of a track, and the course through them."""
+    def step(self, state: State, track: Track, smooth: Sequence[str] = ()) -> tuple[State, Course]:
+        """Return the state after the samples of a track, and the course through them.
+
+        Parameters
+        ----------
+        state : State
+        track : Track
+            The samples that follow.
+        smooth : sequence of str
+            States whose course is smoothed by all of the track, as `varying`.
+        """
         after = deepcopy(state)
         epochs = strapdown.due(track.time, model.PERIOD * (1 - 1e-6), after.time[1])
         if not self.turning:
@@ -161,6 +175,7 @@ class Gyros:
             angles = np.concatenate([after.tail[:, 1:], angles])
         angles = angles[epochs]
         history = np.zeros((epochs.size, 4 + 2 * state.x.size))
+        steps = room(self.states, smooth, epochs.size, 3, 3)
         nis = _gyros.gyros(
             Samples(
                 track.time, np.ascontiguousarray(track.reading[:, self.part.channels]), track.hold
@@ -174,6 +189,7 @@ class Gyros:
             known(self.part, self.bench),
             Settings(self.readback**2, _ALIGNED**2, model.GAP, self._late(), self.closed),
             after,
+            steps,
             history,
         )
         if self.lag:
@@ -181,7 +197,7 @@ class Gyros:
             after = after._replace(tail=np.concatenate([after.tail, kept])[-self.lag :])
         taken = int((history[:, 3] > 0).sum())
         after = after._replace(nis=state.nis + nis, epochs=state.epochs + taken)
-        return after, course("gyros", self.names, track.time[epochs], history, 3)
+        return after, course("gyros", self.states, smooth, track.time[epochs], history, steps)
 
     def _late(self) -> NDArray[np.int64]:
         """Return where latency, clock and azimuth stand among the states."""
