@@ -124,6 +124,8 @@ class Draw:
     by_g : (trials, 3, 3) array
     true : (n, 3) array
         The axes' angles.
+    gyro_drift, acc_drift : (trials, n, 3) arrays
+        What is in the readings of it.
     """
 
     time: Array
@@ -135,6 +137,8 @@ class Draw:
     acc: Array
     by_g: Array
     true: Array
+    gyro_drift: Array
+    acc_drift: Array
 
 
 def about(axis: int, angle: Array) -> Array:
@@ -283,11 +287,13 @@ def draw(
     root = sqrt(hz)
     c = sensor.correlation
     rates += sensor.arw * root * rng.standard_normal(rates.shape)
-    rates += drift(rng, sensor.gyro_drift, c, n, hz, trials)
+    gyro_drift = drift(rng, sensor.gyro_drift, c, n, hz, trials)
+    rates += gyro_drift
     forces += sensor.vrw * root * rng.standard_normal(forces.shape)
-    forces += drift(rng, sensor.acc_drift, c, n, hz, trials)
+    acc_drift = drift(rng, sensor.acc_drift, c, n, hz, trials)
+    forces += acc_drift
     angles += table.white * rng.standard_normal(angles.shape)
-    return Draw(time, rates, forces, angles, labels, gyro, acc, by_g, true)
+    return Draw(time, rates, forces, angles, labels, gyro, acc, by_g, true, gyro_drift, acc_drift)
 
 
 def _matrix(rng: np.random.Generator, device: Device, trials: int) -> Array:

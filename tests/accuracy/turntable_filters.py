@@ -13,6 +13,7 @@ from tests.accuracy.turntable import ARCSEC, EARTH, Draw, G, Grade, T, Table, at
 
 Array = NDArray[np.float64]
 TABLE = Table()
+Step = tuple[Array, Array, Array, Array]
 TEN = tuple(f"p{k + 1}" for k in range(10))
 
 
@@ -61,10 +62,12 @@ def gyro(
     grade: Grade = T,
     table: Table = TABLE,
     every: int = 10,
+    steps: list[Step] | None = None,
 ) -> Done:
     """Return bias and S of the gyros: 15, 19 or 28 states.
 
     At rest ω̂ is the earth's rate: readings' noise is what φ walks by, and F is to be free of it.
+    Into `steps` go Φ, P before and after each update, and what the update adds to the states.
     """
     hz = 1 / (made.time[1] - made.time[0])
     trials, n = len(made.rates), states
@@ -124,7 +127,10 @@ def gyro(
             # The readback is late: it says where the table was.
             h[:, :, 18] = earth - (c @ w[..., None])[..., 0]
             z = z - h[:, :, 18] * late[:, None]
+        ahead = p
         x, p, one = update(p, h, z, r**2 * np.eye(3))
+        if steps is not None:
+            steps.append((phi, ahead, p, x))
         nis, count = nis + one, count + 3
         c = turn(x[:, :3]) @ c
         bias, s = bias + x[:, 3:6], s + x[:, 6:15].reshape(-1, 3, 3)
@@ -148,6 +154,24 @@ def update(p: Array, h: Array, z: Array, r: Array) -> tuple[Array, Array, Array]
     return x, (p + p.swapaxes(-1, -2)) / 2, nis
 
 
+def smoothed(steps: list[Step]) -> tuple[Array, Array]:
+    """Return what Rauch, Tung and Striebel add to the filter, (e, trials, n), and P (…, n, n).
+
+    x̂_s = x̂ + J (x̂_s⁺ − Φ x̂), J = P Φᵀ (P⁻)⁻¹; the bracket is what the next update adds and what
+    is added to that.
+    """
+    added, spread = [np.zeros_like(steps[-1][3])], [steps[-1][2]]
+    for (phi, ahead, _, x), (_, _, p, _) in zip(steps[:0:-1], steps[-2::-1], strict=True):
+        # States differ by nine orders of magnitude: each by its own sd.
+        sd = np.sqrt(np.diagonal(ahead, axis1=1, axis2=2))
+        scaled = ahead / (sd[:, :, None] * sd[:, None, :])
+        back = np.linalg.solve(scaled, phi @ p / sd[:, :, None]) / sd[:, :, None]
+        back = back.swapaxes(1, 2)
+        added.append((back @ (x + added[-1])[..., None])[..., 0])
+        spread.append(p + back @ (spread[-1] - ahead) @ back.swapaxes(1, 2))
+    return np.array(added[::-1]), np.array(spread[::-1])
+
+
 def accelerometer(
     made: Draw,
     states: int = 25,
@@ -155,8 +179,9 @@ def accelerometer(
     grade: Grade = T,
     table: Table = TABLE,
     every: int = 10,
+    steps: list[Step] | None = None,
 ) -> Done:
-    """Return bias and S of the accelerometers: 18 or 25 states."""
+    """Return bias and S of the accelerometers: 18 or 25 states; `steps` as of `gyro`."""
     hz = 1 / (made.time[1] - made.time[0])
     trials, n, dt = len(made.rates), states, every / hz
     earth = EARTH * np.array([0, np.cos(table.latitude), np.sin(table.latitude)])
@@ -179,6 +204,7 @@ def accelerometer(
     for name in holds:
         at = np.flatnonzero(made.labels == name)
         c, v, held = attitude(made.angles[:, at[0]]), np.zeros((trials, 3)), np.zeros((trials, 2))
+        p = p.copy()
         for k, size in fresh.items():
             p[:, k, :] = p[:, :, k] = 0.0
             p[:, k, k] = size**2
@@ -188,6 +214,11 @@ def accelerometer(
             p[:, :, 18:21] *= kept
             p[:, range(18, 21), range(18, 21)] += grade.acc_drift**2 * (1 - kept**2)
             gm = gm * kept
+        if steps is not None:
+            keep = np.ones(n)
+            keep[list(fresh)] = 0.0
+            keep[18:21] = np.exp(-(made.time[at[0]] - before) / grade.correlation)
+            steps.append((np.tile(np.diag(keep), (trials, 1, 1)), p, p, np.zeros((trials, n))))
         for k in range(1, len(at) - every + 1, every):
             m, drive = np.linalg.inv(np.eye(3) + s), np.zeros((trials, 3, n))
             push = np.zeros((trials, 3))
@@ -219,7 +250,10 @@ def accelerometer(
             z = np.concatenate([v, tilt], axis=1)
             if n == 25:
                 z[:, 3:] += level + held
+            ahead = p
             x, p, one = update(p, h, z, r)
+            if steps is not None:
+                steps.append((phi, ahead, p, x))
             nis, count = nis + one, count + 5
             v, c = v - x[:, :3], turn(x[:, 3:6]) @ c
             bias, s = bias + x[:, 6:9], s + x[:, 9:18].reshape(-1, 3, 3)

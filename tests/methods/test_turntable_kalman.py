@@ -8,8 +8,10 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 from tests.accuracy import turntable
+from tests.accuracy.turntable_filters import Step
 from tests.accuracy.turntable_filters import accelerometer as dense_accelerometer
 from tests.accuracy.turntable_filters import gyro as dense_gyro
+from tests.accuracy.turntable_filters import smoothed as dense_smoothed
 from tests.methods.turntable_cases import (
     ARCSEC,
     bench,
@@ -22,7 +24,7 @@ from tests.methods.turntable_cases import (
 )
 
 from inercal.errors import InputError, NotObserved
-from inercal.estimate import Gaussian, NullDirection
+from inercal.estimate import Gaussian, NullDirection, Smoothed
 from inercal.methods.turntable import model
 from inercal.methods.turntable_kalman import METHOD
 from inercal.methods.turntable_kalman.accelerometers import Accelerometers
@@ -88,6 +90,68 @@ class _Alike(Accelerometers):
 
     def _held(self, angles: np.ndarray) -> np.ndarray:
         return np.full((len(angles), 2), HELD**2)
+
+
+def test_the_gyros_way_back_is_that_of_the_notes_filter(made: turntable.Draw):
+    steps: list[Step] = []
+    dense_gyro(made, 19, steps=steps)
+    stated = bench(azimuth=replace(bench().azimuth, sd=0.0))
+    for k in range(3):
+        one = track(made).trial(k)
+        ours = replace(Gyros.of(sensor(), stated, one, table=False), lag=0)
+        _, course = ours.step(ours.start(one), one, ours.varying)
+        _compare(course.smoothed, steps, k, [0, 1, 2], [15, 16, 17])
+
+
+def test_the_accelerometers_way_back_is_that_of_the_notes_filter(made: turntable.Draw):
+    steps: list[Step] = []
+    dense_accelerometer(made, 25, steps=steps)
+    for k in range(3):
+        one = track(made).trial(k)
+        hold = np.where(np.isin(made.labels, [f"p{n + 1}" for n in range(10)]), one.hold, -1)
+        inside = Track(one.time, one.reading, one.angles, hold)
+        ours = Accelerometers.of(sensor(), bench(), one, table="lean")
+        alike = _Alike(**vars(ours))
+        smooth = (*alike.states[:5], *alike.varying[6:9])
+        _, course = alike.step(alike.start(inside), inside, smooth)
+        _compare(course.smoothed, steps, k, [0, 1, 2, 3, 4], [18, 19, 20])
+
+
+def _compare(
+    found: Smoothed | None, steps: list[Step], trial: int, fed: list[int], drift: list[int]
+) -> None:
+    """Hold what is smoothed to Rauch, Tung and Striebel: what is fed back, and the drift."""
+    assert found is not None
+    added, spread = dense_smoothed(steps)
+    exact, at = added[:, trial], [*fed, *drift]
+    filtered = np.zeros(3)
+    for e, (phi, _, _, x) in enumerate(steps):
+        filtered = phi[trial][drift, drift] * filtered + x[trial][drift]
+        exact[e, drift] += filtered
+    sd = np.sqrt(np.diagonal(spread[:, trial], axis1=1, axis2=2))[:, at]
+    off = np.abs(found.value[: len(steps)] - exact[:, at]) / sd
+    # The attitudes that both go by differ while the coefficients are still far off.
+    assert off[:, len(fed) :].max() < 0.02
+    assert off[len(steps) // 4 :].max() < 0.25
+    assert found.std[: len(steps)] == pytest.approx(sd, rel=0.02)
+
+
+@pytest.mark.parametrize("kind", [Gyros, Accelerometers])
+def test_constants_are_all_along_what_they_are_at_the_end(
+    made: turntable.Draw, kind: type[Gyros] | type[Accelerometers]
+):
+    one = track(made).trial(0)
+    kept = np.r_[0:9000, 9300 : one.time.size]  # with a gap: the attitude is taken anew
+    torn = Track(one.time[kept], one.reading[kept], one.angles[kept], one.hold[kept])
+    ours: Any = kind.of(sensor(), bench(), torn)
+    constants = tuple(name for name in ours.states if name not in ours.varying)
+    _, course = ours.step(ours.start(torn), torn, constants)
+    at = [course.names.index(name) for name in constants]
+    assert course.smoothed.value[-1] == pytest.approx(course.value[-1, at], rel=1e-12)
+    value, std = course.smoothed.value, course.smoothed.std
+    assert np.max(np.abs(value - value[-1]) / std[-1]) < 1e-6
+    # At first variances are 10⁷ times as large, and what is left of them is a difference.
+    assert np.max(np.abs(std / std[-1] - 1)) < 0.03
 
 
 @pytest.mark.parametrize("kind", [Gyros, Accelerometers])

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 from math import radians, sqrt
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,6 +30,7 @@ Run = Callable[[turntable.Draw, Track, turntable.Grade], tuple[Array, Array]]
 Path = list[turntable.Stand | turntable.Turn]
 DEVICES = 100
 SEEDS = (1, 2, 3)
+SMOOTHED = 40
 
 
 class AsInTheNote(Accelerometers):
@@ -235,3 +237,37 @@ def test_what_is_exact_in_the_bench_is_not_estimated():
     one = track(made).trial(0)
     assert len(Gyros.of(sensor(), exact, one).states) == 3 + 12 + 3 + 2
     assert len(Accelerometers.of(sensor(), exact, one).states) == 6 + 12 + 3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("kind", [Gyros, Accelerometers])
+def test_the_smoothed_drift_is_off_as_it_says_and_less_than_the_filters(
+    seed: int, kind: type[Gyros] | type[Accelerometers]
+):
+    squares, off, filtered = list[float](), list[float](), list[float]()
+    for batch in range(SMOOTHED // 10):
+        made = turntable.draw(1000 * seed + batch, 10, turntable.whole())
+        whole, drift = track(made), made.gyro_drift if kind is Gyros else made.acc_drift
+        # A gap of 3 s within a turn: every other device has it.
+        gap = int(np.flatnonzero(made.labels == "y+")[500])
+        for k in range(10):
+            kept = np.r_[0 : gap + 300 * (k % 2), gap + 300 : made.time.size]
+            one = whole.trial(k)
+            torn = Track(one.time[kept], one.reading[kept], one.angles[kept], one.hold[kept])
+            ours: Any = kind.of(sensor(), bench(), torn)
+            _, course = ours.step(ours.start(torn), torn, ours.varying)
+            truth = drift[k, np.searchsorted(made.time, course.time - 1e-9)]
+            names = [name for name in ours.varying if name.startswith("drift")]
+            at = [ours.varying.index(name) for name in names]
+            error = course.smoothed.value[:, at] - truth
+            squares.append(float(np.mean((error / course.smoothed.std[:, at]) ** 2)))
+            off.append(float(np.mean(error**2)))
+            own = course.value[:, [course.names.index(name) for name in names]] - truth
+            filtered.append(float(np.mean(own**2)))
+    # Errors hang together over time: devices are what is independent.
+    spread = 3 * float(np.std(squares)) / sqrt(SMOOTHED)
+    print(seed, np.mean(squares), spread, sqrt(np.mean(off) / np.mean(filtered)))
+    assert spread < 0.3
+    assert abs(np.mean(squares) - 1) <= spread
+    assert np.mean(off) < 0.9 * np.mean(filtered)
