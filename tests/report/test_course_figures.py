@@ -1,12 +1,15 @@
 """Figures of sequential filters: what they draw, and how small they stay."""
 
 import re
+from dataclasses import replace
+from math import radians
 
 import numpy as np
 import pytest
 
-from inercal.estimate import Course
-from inercal.report.courses import POINTS, innovations, running, thinned
+from inercal.estimate import Course, Smoothed
+from inercal.report.courses import POINTS, innovations, running, smoothed, thinned
+from inercal.sensors import imu
 
 
 def course(epochs: int, nis: float = 3.0, *, pause: bool = False) -> Course:
@@ -49,3 +52,40 @@ def test_thinning_keeps_both_ends():
     assert thinned(10_000)[[0, -1]].tolist() == [0, 9_999]
     assert thinned(10_000).size == POINTS
     assert thinned(3).tolist() == [0, 1, 2]
+
+
+def of_gyros(epochs: int, *, pause: bool = False) -> Course:
+    """Return a course whose attitude is off by 3″ ± 1″ and whose drift is 2 °/h ± 0.5 °/h."""
+    states = ("phi_e", "phi_n", "phi_u", "drift[gx]", "drift[gy]", "drift[gz]")
+    units = np.array([radians(1 / 3600)] * 3 + [radians(1) / 3600] * 3)
+    value = np.tile(units * [3, 3, 3, 2, 2, 2], (epochs, 1))
+    std = np.tile(units * [1, 1, 1, 0.5, 0.5, 0.5], (epochs, 1))
+    made = course(epochs, pause=pause)
+    return replace(made, names=("gx.bias", *states[3:]), smoothed=Smoothed(states, value, std))
+
+
+def test_what_varies_is_drawn_in_seconds_of_arc_and_in_the_units_of_the_bias():
+    drawn = smoothed([of_gyros(500)], imu().with_coefficients("bias"))
+    assert drawn is not None
+    assert {"gyros: attitude off by, ″", "gyros: drift, °/h"} <= set(_texts(drawn))
+    assert {"east", "north", "up", "gx", "gy", "gz"} <= set(_texts(drawn))
+    # 3″ ± 2″ and 2 °/h ± 1 °/h: what is beyond has no tick.
+    assert {"5", "3.0"} <= set(_texts(drawn))
+    assert "6" not in _texts(drawn)
+
+
+def _texts(drawn: str) -> list[str]:
+    return re.findall(r"<text[^>]*>([^<]*)<", drawn)
+
+
+@pytest.mark.parametrize(("pause", "pieces"), [(False, 1), (True, 2)])
+def test_what_varies_breaks_where_the_filter_paused(pause: bool, pieces: int):
+    drawn = smoothed([of_gyros(20_000, pause=pause)], imu().with_coefficients("bias"))
+    paths = re.findall(r' d="([^"]*)"', str(drawn))
+    bands = [one.count("L") for one in paths if one.count("L") > 100]
+    assert len(bands) == 6 * pieces
+    assert sum(bands) <= 6 * (2 * POINTS + 2 * pieces)  # there and back
+
+
+def test_of_a_course_that_is_not_smoothed_nothing_is_drawn():
+    assert smoothed([course(10)], imu()) is None

@@ -4,6 +4,7 @@
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
+from math import radians
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from inercal.benches import Turntable
 from inercal.calibration.verdict import COVERAGE
-from inercal.estimate import Course
+from inercal.estimate import Course, Smoothed
 from inercal.pipeline import Outcome
 from inercal.recording import Track
 from inercal.report import drawing
@@ -108,6 +109,64 @@ def _symmetric(axes: Axes, last: float) -> None:
     axes.set_yticks([-d for d in reversed(decades)] + [0.0] + decades)
     axes.yaxis.set_minor_locator(NullLocator())
     axes.yaxis.set_major_formatter("{x:g}")
+
+
+class _Line(NamedTuple):
+    """States that are drawn together."""
+
+    title: str
+    states: tuple[str, ...]
+    unit: str
+    size: float
+
+
+@drawing.style
+def smoothed(courses: Sequence[Course], sensor: Sensor) -> Markup | None:
+    """Return what varies with time by the way back, with ±2σ, over time; None of none."""
+    found = [(one, one.smoothed) for one in courses if one.smoothed is not None]
+    if not found:
+        return None
+    figure, panels = drawing.panels(1.6, [*[0.3] * (len(found) - 1), 0.45], 2)
+    for row, (course, made) in zip(panels, found, strict=True):
+        for axes, line in zip(row, _lines(course, sensor), strict=True):
+            _varying(axes, course.time, made, line)
+    for axes in panels[-1]:
+        axes.set_xlabel("time, s")
+    return svg(figure, "smoothed", "Attitude and drift over time, smoothed, with two sd")
+
+
+def _lines(course: Course, sensor: Sensor) -> tuple[_Line, _Line]:
+    """Return the attitude and the drift of a filter; up is seen by the gyros' alone."""
+    drift = tuple(name for name in course.names if name.startswith("drift["))
+    axis = drift[0].removeprefix("drift[").removesuffix("]")
+    bias = next(
+        sensor.coefficient(name) for name in course.names if name in (f"{axis}.bias", f"{axis}.k0")
+    )
+    tilt = ("phi_e", "phi_n") if bias.name.endswith("k0") else ("phi_e", "phi_n", "phi_u")
+    return (
+        _Line(f"{course.name}: attitude off by, ″", tilt, "″", radians(1 / 3600)),
+        _Line(f"{course.name}: drift, {bias.unit}", drift, bias.unit, bias.si),
+    )
+
+
+def _varying(axes: Axes, time: Array, made: Smoothed, line: _Line) -> None:
+    picks = thinned(time.size)
+    for colour, state in zip(AXES, line.states, strict=False):
+        column = made.names.index(state)
+        value, reach = (one[picks, column] / line.size for one in (made.value, COVERAGE * made.std))
+        at, middle = _broken(time[picks], value)
+        _, reach = _broken(time[picks], reach)
+        axes.plot(at, middle, color=colour, lw=1.0, label=_said(state))
+        axes.fill_between(at, middle - reach, middle + reach, color=colour, alpha=0.14, lw=0)
+    axes.axhline(0, color=FAINT, lw=0.8, zorder=0)
+    axes.set_title(line.title)
+    drawing.key(axes)
+
+
+def _said(state: str) -> str:
+    """Return a state's name for the legend."""
+    told = {"phi_e": "east", "phi_n": "north", "phi_u": "up"}
+    return told.get(state, state.removeprefix("drift[").removesuffix("]"))
 
 
 @drawing.style

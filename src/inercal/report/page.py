@@ -110,6 +110,7 @@ class Course:
     """The figures of sequential filters, SVG."""
 
     convergence: Markup
+    smoothed: Markup | None
     innovations: Markup
     path: Markup | None
 
@@ -122,7 +123,12 @@ def _course(outcome: Outcome, truth: Mapping[str, float] | None) -> Course | Non
     drawn = None
     if track is not None and isinstance(bench, Turntable):
         drawn = courses.path(track, bench)
-    return Course(courses.convergence(outcome, truth), courses.innovations(found), drawn)
+    return Course(
+        courses.convergence(outcome, truth),
+        courses.smoothed(found, outcome.calibration.sensor),
+        courses.innovations(found),
+        drawn,
+    )
 
 
 def by_norm(outcome: Outcome) -> bool:
