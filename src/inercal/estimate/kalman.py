@@ -139,10 +139,11 @@ def update(x: Array, p: Array, h: Array, z: float, r: float, gain: Array) -> tup
         s += h[m] * ph[m]
         off -= h[m] * x[m]
     for j in range(n):
-        gain[j] = ph[j] / s
-        x[j] += gain[j] * off
+        one = ph[j] / s
+        gain[j] = one
+        x[j] += one * off
         for m in range(j, n):
-            p[j, m] -= gain[j] * ph[m]
+            p[j, m] -= one * ph[m]
             p[m, j] = p[j, m]
     return off, s
 

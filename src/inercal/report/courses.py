@@ -20,7 +20,7 @@ from inercal.pipeline import Outcome
 from inercal.recording import Track
 from inercal.report import drawing
 from inercal.report.drawing import AXES, BAND, FAINT, WARN, svg
-from inercal.sensors import Sensor
+from inercal.sensors import G0, Sensor
 
 Array = NDArray[np.float64]
 POINTS = 300
@@ -116,7 +116,6 @@ class _Line(NamedTuple):
 
     title: str
     states: tuple[str, ...]
-    unit: str
     size: float
 
 
@@ -128,29 +127,32 @@ def smoothed(courses: Sequence[Course], sensor: Sensor) -> Markup | None:
         return None
     figure, panels = drawing.panels(1.6, [*[0.3] * (len(found) - 1), 0.45], 2)
     for row, (course, made) in zip(panels, found, strict=True):
-        for axes, line in zip(row, _lines(course, sensor), strict=True):
-            _varying(axes, course.time, made, line)
+        for axes, line in zip(row, _lines(course, made, sensor), strict=True):
+            if line.states:
+                _varying(axes, course.time, made, line)
+            else:
+                axes.set_axis_off()
     for axes in panels[-1]:
         axes.set_xlabel("time, s")
     return svg(figure, "smoothed", "Attitude and drift over time, smoothed, with two sd")
 
 
-def _lines(course: Course, sensor: Sensor) -> tuple[_Line, _Line]:
-    """Return the attitude and the drift of a filter; up is seen by the gyros' alone."""
-    drift = tuple(name for name in course.names if name.startswith("drift["))
-    axis = drift[0].removeprefix("drift[").removesuffix("]")
-    bias = next(
-        sensor.coefficient(name) for name in course.names if name in (f"{axis}.bias", f"{axis}.k0")
+def _lines(course: Course, made: Smoothed, sensor: Sensor) -> tuple[_Line, _Line]:
+    """Return the attitude and the drift of a filter."""
+    tilt, drift = (
+        tuple(name for name in made.names if name.startswith(first)) for first in ("phi_", "drift[")
     )
-    tilt = ("phi_e", "phi_n") if bias.name.endswith("k0") else ("phi_e", "phi_n", "phi_u")
+    kinds = {axis.name: axis.measures for axis in sensor.axes}
+    turning = any(kinds[name.partition(".")[0]] == "w" for name in course.names if "." in name)
+    unit, size = ("°/h", radians(1) / 3600) if turning else ("µg", 1e-6 * G0)
     return (
-        _Line(f"{course.name}: attitude off by, ″", tilt, "″", radians(1 / 3600)),
-        _Line(f"{course.name}: drift, {bias.unit}", drift, bias.unit, bias.si),
+        _Line(f"{course.name}: attitude off by, ″", tilt, radians(1 / 3600)),
+        _Line(f"{course.name}: drift, {unit}", drift, size),
     )
 
 
 def _varying(axes: Axes, time: Array, made: Smoothed, line: _Line) -> None:
-    picks = thinned(time.size)
+    picks = thinned(time.size, POINTS // 2)  # half as wide
     for colour, state in zip(AXES, line.states, strict=False):
         column = made.names.index(state)
         value, reach = (one[picks, column] / line.size for one in (made.value, COVERAGE * made.std))

@@ -24,7 +24,7 @@ from inercal.methods.turntable.model import Triad, beside
 from inercal.methods.turntable.terms import BASIS
 from inercal.methods.turntable_kalman import _accelerometers
 from inercal.methods.turntable_kalman._accelerometers import Readback, Samples, Settings, State
-from inercal.methods.turntable_kalman.common import TILT, course, drift_of, known, room
+from inercal.methods.turntable_kalman.common import TILT, course, drift_of, drifting_of, known, room
 from inercal.parameters import Parameter
 from inercal.recording import Track
 from inercal.sensors import Sensor
@@ -33,7 +33,6 @@ Array = NDArray[np.float64]
 _ARCSEC = radians(1 / 3600)
 STILL = 1e-3  # m/s, how far velocity at rest is known to be zero
 _ALIGNED = 5e-4  # rad, sd of φ where a hold begins
-_MOVING = ("v_e", "v_n", "v_u", *TILT)
 _COMMON = ("lean_x", "lean_y")  # of the base; what else a hold is off by is its own
 
 
@@ -119,12 +118,12 @@ class Accelerometers:
         """Names of the states."""
         table = (q.name for q in self.table)
         coefficients = self.part.sensor.coefficients
-        return (*_MOVING, *coefficients, *drift_of(self.part), *table, *self._own)
+        return ("v_e", "v_n", "v_u", *TILT, *coefficients, *drift_of(self.part), *table, *self._own)
 
     @property
     def varying(self) -> tuple[str, ...]:
-        """Names of the states that vary with time."""
-        return (*_MOVING, *drift_of(self.part), *self._own)
+        """Names of the states that vary with time and that a hold says something of."""
+        return (*TILT[:2], *drifting_of(self.part), *self._own)
 
     @property
     def _own(self) -> tuple[str, ...]:

@@ -26,6 +26,11 @@ def drift_of(part: Triad) -> tuple[str, ...]:
     return tuple(f"drift[{axis.name}]" for axis in part.sensor.axes)
 
 
+def drifting_of(part: Triad) -> tuple[str, ...]:
+    """Return the same, or none where biases do not drift."""
+    return drift_of(part) if part.drift.any() else ()
+
+
 def room(states: tuple[str, ...], smooth: Sequence[str], epochs: int, k: int, m: int) -> Steps:
     """Return room for what a kernel does at each epoch, for the way back of some states."""
     wanted = np.array([states.index(name) for name in smooth], dtype=np.int64)

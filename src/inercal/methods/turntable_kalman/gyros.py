@@ -21,7 +21,7 @@ from inercal.methods.turntable.model import Triad, beside
 from inercal.methods.turntable.terms import BASIS
 from inercal.methods.turntable_kalman import _gyros
 from inercal.methods.turntable_kalman._gyros import Readback, Samples, Settings, State
-from inercal.methods.turntable_kalman.common import TILT, course, drift_of, known, room
+from inercal.methods.turntable_kalman.common import TILT, course, drift_of, drifting_of, known, room
 from inercal.parameters import Parameter
 from inercal.recording import Track
 from inercal.sensors import Sensor
@@ -123,7 +123,7 @@ class Gyros:
     @property
     def varying(self) -> tuple[str, ...]:
         """Names of the states that vary with time."""
-        return (*TILT, *drift_of(self.part))
+        return (*TILT, *drifting_of(self.part))
 
     def start(self, track: Track) -> State:
         """Return the state before the first sample of a track."""
