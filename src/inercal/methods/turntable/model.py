@@ -23,9 +23,13 @@ from inercal.recording import Track
 from inercal.sensors import G0, Sensor
 
 Array = NDArray[np.float64]
+ARCSEC = radians(1 / 3600)
 CORRELATION = 200.0  # s, of the drift of biases
 PERIOD = 0.1  # s between epochs
 GAP = 0.5  # s without a sample, beyond which the attitude is taken from the table anew
+# rad. What rates taken as linear between samples miss, beside kinks, which are in Q; and a readback
+# that is stated as exact would be divided by.
+FLOOR = 0.1 * ARCSEC
 COARSE = 20.0  # s at rest that the biases' first values come from
 # Standard deviations before the data, SI; of other terms, per their natural size.
 EXPECTED = {

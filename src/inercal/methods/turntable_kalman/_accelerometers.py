@@ -2,6 +2,12 @@
 
 States: δV (3), φ (3), p coefficients, drift of the biases (3), q of the table's parameters, and,
 where there are two more, the error of each hold's angles about east and north.
+
+A table at rest keeps the attitude, the earth's turn included, so that nothing of the gyros enters:
+what they are off by would be taken for tilt. The force is known as well, g along the vertical of
+that attitude, and coefficients are multiplied by it, not by the reading as corrected so far, whose
+errors times those of the coefficients are of second order and made a filter that trusts velocity
+diverge.
 """
 # Numba's decorator has no types.
 # pyright: reportUntypedFunctionDecorator=false
@@ -19,10 +25,9 @@ from inercal.methods.turntable.strapdown import (
     correct,
     driven_by,
     fill,
-    rotate,
     turn_level,
 )
-from inercal.methods.turntable.terms import FORCE, SQUARE
+from inercal.methods.turntable.terms import FORCE
 from inercal.methods.turntable_kalman._common import (
     Model,
     Work,
@@ -42,7 +47,6 @@ class Samples(NamedTuple):
 
     time: Array  # (n,) s
     forces: Array  # (n, 3), readings, m/s²
-    rates: Array  # (n, 3) rad/s, with coarse biases off
     hold: Indices  # (n,), number of the hold; negative while the table moves
 
 
@@ -53,14 +57,13 @@ class Readback(NamedTuple):
     attitude: Array  # (e, 3, 3)
     beside: Array  # (e, 2, q), how φ as it is observed moves with the table's parameters
     held: Array  # (e, 2) rad², variance of a hold's angles about east and north
+    noise: Array  # (e, 2) rad², of the readback's noise
 
 
 class Settings(NamedTuple):
     """Variances beside the model's."""
 
-    turning: float  # of the gyros' angles, rad²/s
     still: float  # of velocity at rest, (m/s)²
-    readback: float  # of the attitude by readback, rad²
     fresh: float  # of φ where a hold begins, rad²
 
 
@@ -73,8 +76,7 @@ class State(NamedTuple):
     p: Array  # (n, n)
     made: Array  # (BASIS, 3, 3), Σ C M φ Δt since the epoch before
     time: Array  # (2,) s, of the sample and of the epoch before
-    force: Array  # (3,) and (3,), of the sample before
-    rate: Array
+    force: Array  # (3,), of the sample before
     velocity: Array  # (3,) m/s
     hold: Indices  # (1,), number of the sample's before
     nis: float = 0.0
@@ -107,6 +109,7 @@ def accelerometers(
     count, n = theta.size, x.size
     gm = 6 + count
     done = work(model, theta, x[gm : gm + 3])
+    _felt(model, state, done)
     drawn, driven, z = np.zeros(n), np.zeros((6, 6)), np.zeros(5)
     total, first = 0.0, 0
     for e in range(readback.epochs.size):
@@ -121,7 +124,7 @@ def accelerometers(
             history[e, :6] = 0.0
             steps.s[row] = 0.0
         else:
-            _transition(model, settings, state, done, a, keep, drawn, driven)
+            _transition(model, state, done, a, keep, drawn, driven)
             predict(p, a, keep, driven, drawn)
             _observe(e, readback, state, done, z, h)
             nis = 0.0
@@ -129,7 +132,7 @@ def accelerometers(
                 history[e, k] = z[k]
                 for j in range(gm + 3, n):
                     history[e, k] -= h[k, j] * x[j]
-                variance = settings.still if k < 3 else settings.readback
+                variance = settings.still if k < 3 else readback.noise[e, k - 3]
                 off, s = update(x, p, h[k], z[k], variance, gain[k])
                 steps.off[row, k], steps.s[row, k] = off, s
                 nis += off * off / s
@@ -137,6 +140,7 @@ def accelerometers(
             total += nis
             _feed_back(state, done)
         corrected(done, model, theta, x[gm : gm + 3])
+        _felt(model, state, done)
         for s in range(n):
             history[e, 6 + s] = theta[s - 6] if 6 <= s < gm else x[s]
             history[e, 6 + n + s] = p[s, s]
@@ -147,47 +151,42 @@ def accelerometers(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _felt(model: Model, state: State, done: Work) -> None:
+    """Write φ of the force that is felt at rest, and C M: both stay until the next epoch."""
+    for k in range(3):
+        done.u[k] = model.gravity * state.c[2, k]
+    fill(done.phi, done.u)
+    product(state.c, done.m, done.cm)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _carry(first: int, end: int, samples: Samples, model: Model, state: State, done: Work) -> int:
-    """Carry attitude and velocity over a hold's samples, and sum up what drives velocity.
+    """Carry the velocity over a hold's samples, and sum up what drives it.
 
     Return the sample to follow.
     """
     # Each field of a tuple that is asked for counts references: once here, not at each sample.
-    time, forces, rates, hold = samples
-    used, m, by, phi, cm, half, mean, u, turn, fed = done
-    c, made, force, rate, velocity = state.c, state.made, state.force, state.rate, state.velocity
-    earth, gravity, number, now = model.earth, model.gravity, state.hold[0], state.time[0]
-    # What depends on f² takes f as corrected before.
-    times = 2 if used[-1] >= SQUARE else 1
+    time, forces, hold = samples
+    used, m, by, phi, cm, mean, u = (
+        done.used, done.m, done.by, done.phi, done.cm, done.mean, done.u,
+    )  # fmt: skip
+    c, made, force, velocity = state.c, state.made, state.force, state.velocity
+    gravity, number, now = model.gravity, state.hold[0], state.time[0]
     for i in range(first, end):
         dt = time[i] - now
         now = time[i]
         if hold[i] >= 0 and hold[i] == number:
             for k in range(3):
                 mean[k] = 0.5 * (forces[i, k] + force[k])
-                u[k] = mean[k]
-            for _ in range(times):
-                fill(phi, u)
-                correct(mean, m, by, phi, used, FORCE, u)
-            fill(phi, u)
-            for k in range(3):
-                around = 0.0
-                for j in range(3):
-                    around += c[j, k] * earth[j]
-                turn[k] = (0.5 * (rates[i, k] + rate[k]) - around) * dt
-                fed[k] = 0.5 * turn[k]
-            half[:] = c
-            rotate(half, fed)
-            rotate(c, turn)
-            product(half, m, cm)
+            correct(mean, m, by, phi, used, FORCE, u)
             for k in range(3):
                 gain = -gravity if k == 2 else 0.0
                 for j in range(3):
-                    gain += half[k, j] * u[j]
+                    gain += c[k, j] * u[j]
                 velocity[k] += gain * dt
             add_up(cm, phi, dt, used, made)
         for k in range(3):
-            force[k], rate[k] = forces[i, k], rates[i, k]
+            force[k] = forces[i, k]
     state.time[0] = now
     return end
 
@@ -229,7 +228,6 @@ def _begin(
 @njit(cache=True, nogil=True, error_model="numpy")
 def _transition(
     model: Model,
-    settings: Settings,
     state: State,
     done: Work,
     a: Array,
@@ -249,14 +247,8 @@ def _transition(
     walked(done.cm, model.white, since, driven)
     for k in range(3):
         a[k, k] = a[3 + k, 3 + k] = 1.0
-        driven[3 + k, 3 + k] = settings.turning * since
     drifted(model, since, 6 + terms.axis.size, state.x, keep, drawn)
-    # −[ω_ie×] of φ, twice of δV, and (0, 0, g) × φ.
-    w0, w1, w2 = model.earth[0] * since, model.earth[1] * since, model.earth[2] * since
-    a[3, 4], a[3, 5], a[4, 5] = w2, -w1, w0
-    a[4, 3], a[5, 3], a[5, 4] = -w2, w1, -w0
-    a[0, 1], a[0, 2], a[1, 2] = 2 * w2, -2 * w1, 2 * w0
-    a[1, 0], a[2, 0], a[2, 1] = -2 * w2, 2 * w1, -2 * w0
+    # (0, 0, g) × φ. −[ω_ie×] is in neither: the velocity is that of a table that stands.
     a[0, 4], a[1, 3] = -gravity * since, gravity * since
 
 

@@ -3,14 +3,14 @@
 States: δV (3), φ (3), coefficients, drift of the biases (3), and what the table's attitude may be
 off by: lean of the base, right angles and harmonics of the readback; or the lean and, anew at each
 hold, an error of its angles (2) that stands for the others. At every hold the attitude is taken
-from the table, the velocity set to zero and both integrated; what is found is fed back ten times a
-second.
+from the table, which keeps it, and the velocity set to zero and integrated; what is found is fed
+back ten times a second. The source integrates the attitude by the gyros: what these are off by,
+their sensitivity to g above all, is then taken for tilt.
 """
 
 from collections.abc import Sequence
 from copy import deepcopy
-from dataclasses import dataclass
-from math import radians
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -30,8 +30,7 @@ from inercal.recording import Track
 from inercal.sensors import Sensor
 
 Array = NDArray[np.float64]
-_ARCSEC = radians(1 / 3600)
-STILL = 1e-3  # m/s, how far velocity at rest is known to be zero
+STILL = 1e-5  # m/s, how far velocity at rest is known to be zero: 1 µm in 0.1 s
 _ALIGNED = 5e-4  # rad, sd of φ where a hold begins
 _COMMON = ("lean_x", "lean_y")  # of the base; what else a hold is off by is its own
 
@@ -42,32 +41,31 @@ class Accelerometers:
 
     Parameters
     ----------
-    part, gyros : Triad
-        The accelerometers, and the gyros that carry the attitude within a hold.
+    part : Triad
     bench : Turntable
     prior : (p, p) array
         Covariance of the coefficients before the data.
     first : (p,) array
         Coefficients before the data.
-    coarse : (3,) array
-        Of the gyros, rad/s.
     table : tuple of q Parameter
         Of the states after the drift.
     holds : bool
         Whether the error of each hold's angles is a state.
-    readback : float
-        Standard deviation of the attitude by readback within a hold, rad.
+    readback : float or None
+        Standard deviation of the attitude by readback within a hold, rad; None is the bench's noise
+        about each axis of the table.
+    still : float
+        Standard deviation of the velocity at rest, m/s.
     """
 
     part: Triad
-    gyros: Triad
     bench: Turntable
     prior: Array
     first: Array
-    coarse: Array
     table: tuple[Parameter, ...]
     holds: bool
-    readback: float
+    readback: float | None
+    still: float
 
     @classmethod
     def of(
@@ -79,7 +77,8 @@ class Accelerometers:
         *,
         drifting: bool = True,
         table: Literal["whole", "lean", "exact"] = "whole",
-        readback: float = _ARCSEC,
+        readback: float | None = None,
+        still: float = STILL,
     ) -> "Accelerometers":
         """Return the filter, with first values from the rest that a track begins with.
 
@@ -92,8 +91,8 @@ class Accelerometers:
         table : "whole", "lean" or "exact"
             Which of the table's errors are states: all; the base's lean and an error of each hold;
             none.
-        readback : float
-            rad.
+        readback, still : float
+            rad, m/s; None is the bench's noise.
 
         Raises
         ------
@@ -101,9 +100,7 @@ class Accelerometers:
             A sensor that a filter does not take, or no rest to begin with.
         """
         part = model.triad(sensor, "f", drifting=drifting)
-        gyros = model.triad(sensor, "w")
         first, prior = model.begin(part, priors, model.coarse(bench, track, part))
-        coarse = model.coarse(bench, track, gyros)
         seen = misalignment(bench, np.zeros((1, len(bench.axes)))).parameters
         kept = tuple(
             q
@@ -111,7 +108,7 @@ class Accelerometers:
             if q.sd > 0 and (q.name in _COMMON or (table == "whole" and q.name != "azimuth"))
         )
         kept = () if table == "exact" else kept
-        return cls(part, gyros, bench, prior, first, coarse, kept, table == "lean", readback)
+        return cls(part, bench, prior, first, kept, table == "lean", readback, still)
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -145,7 +142,6 @@ class Accelerometers:
             made=np.zeros((BASIS, 3, 3)),
             time=np.full(2, track.time[0]),
             force=np.zeros(3),
-            rate=np.zeros(3),
             velocity=np.zeros(3),
             hold=np.array([-1]),
         )
@@ -168,12 +164,10 @@ class Accelerometers:
         angles = track.angles[epochs]
         history = np.zeros((epochs.size, 6 + 2 * state.x.size))
         steps = room(self.states, smooth, epochs.size, 6, 5)
-        rates = track.reading[:, self.gyros.channels] - self.coarse
         nis = _accelerometers.accelerometers(
             Samples(
                 track.time,
                 np.ascontiguousarray(track.reading[:, self.part.channels]),
-                rates @ np.linalg.inv(self.gyros.terms.nominal).T,
                 track.hold,
             ),
             Readback(
@@ -181,9 +175,10 @@ class Accelerometers:
                 reference(self.bench, angles),
                 beside(self.bench, self.table, angles)[:, :2],
                 self._held(angles),
+                self._noise(angles),
             ),
             known(self.part, self.bench),
-            Settings(float(self.gyros.white.mean()), STILL**2, self.readback**2, _ALIGNED**2),
+            Settings(self.still**2, _ALIGNED**2),
             after,
             steps,
             history,
@@ -201,3 +196,13 @@ class Accelerometers:
             [0.0 if q.name in (*_COMMON, "azimuth") else q.sd**2 for q in seen.parameters]
         )
         return (seen.by[..., :2, :] ** 2) @ variance
+
+    def _noise(self, angles: Array) -> Array:
+        """Return the variance about east and north of the readback's noise, (e, 2)."""
+        if self.readback is not None:
+            return np.full((len(angles), 2), self.readback**2)
+        # Sine and cosine of a harmonic turn about an axis as noise does; their squares add up to 1.
+        seen = misalignment(replace(self.bench, harmonics=(1.0,)), angles)
+        waves = [k for k, q in enumerate(seen.parameters) if q.name.startswith(("sin", "cos"))]
+        share = np.sum(seen.by[..., :2, waves] ** 2, axis=-1)
+        return self.bench.white**2 * share + model.FLOOR**2

@@ -1,60 +1,43 @@
 """Both filters over one track, and the estimate that they make together."""
-# SciPy has no stubs.
-# pyright: reportMissingTypeStubs=false
 
 from collections.abc import Mapping, Sequence
 from itertools import chain
-from math import radians
+from math import hypot
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri
 
 from inercal.benches.turntable import Turntable
 from inercal.errors import InputError, NotObserved
-from inercal.estimate import Course, Estimate, Gaussian, Group
-from inercal.estimate.spread import Spread
+from inercal.estimate import Estimate, Gaussian
 from inercal.methods.turntable import model
+from inercal.methods.turntable.model import ARCSEC
 from inercal.methods.turntable_kalman.accelerometers import STILL, Accelerometers
 from inercal.methods.turntable_kalman.gyros import Gyros
+from inercal.methods.turntable_kalman.innovations import Filtered, excess, group, least, told
 from inercal.recording import Observations, Track
 from inercal.sensors import Sensor
 
 Array = NDArray[np.float64]
-_ARCSEC = radians(1 / 3600)
-_LEVEL = 0.95
+_SOURCES_STILL = 1e-3  # m/s
 
 
 class Way(NamedTuple):
-    """Which states the filters have, and how far the table's attitude is trusted, rad."""
+    """Which states the filters have, and how far attitude and velocity at rest are trusted."""
 
     drifting: bool
     table: bool  # right angles and harmonics in the gyros' filter
     holding_table: Literal["whole", "lean", "exact"]  # in the accelerometers'
-    turning: float
-    holding: float
+    source: tuple[float, float] | None  # rad, of the attitude in each filter; None is the bench's
+    still: float  # m/s
 
 
 WAYS: Mapping[str, Way] = {
-    "full": Way(True, True, "whole", 4 * _ARCSEC, _ARCSEC),
-    "drift": Way(True, False, "lean", 4 * _ARCSEC, _ARCSEC),
-    "paper": Way(False, False, "exact", 10 * _ARCSEC, 10 * _ARCSEC),
+    "full": Way(True, True, "whole", None, STILL),
+    "drift": Way(True, False, "lean", (4 * ARCSEC, ARCSEC), _SOURCES_STILL),
+    "paper": Way(False, False, "exact", (10 * ARCSEC, 10 * ARCSEC), _SOURCES_STILL),
 }
-
-
-class Filtered(NamedTuple):
-    """What one filter made of one track; coefficients come first."""
-
-    part: model.Triad
-    names: tuple[str, ...]
-    value: Array
-    covariance: Array
-    course: Course
-    nis: float  # sum over its components
-    components: int  # observed
-    sd: float  # of the first ones, as stated
-    unit: str
 
 
 def gyros(
@@ -67,16 +50,19 @@ def gyros(
     smooth: bool = False,
 ) -> Filtered:
     """Run the gyros' filter over one trial's track, and back where that is wanted."""
+    readback = way.source[0] if way.source else hypot(bench.white, model.FLOOR)
+    p = len(sensor.only("w").coefficients)
     made = Gyros.of(
         sensor, bench, track, priors,
-        drifting=way.drifting, table=way.table, readback=way.turning,
+        drifting=way.drifting, table=way.table, readback=readback,
     )  # fmt: skip
     state, course = made.step(made.start(track), track, made.varying if smooth else ())
     value = state.x[3:].copy()
-    value[: len(made.first)] += state.theta
+    value[:p] += state.theta
     return Filtered(
         made.part, course.names, value, state.p[3:, 3:], course,
-        state.nis, 3 * state.epochs, way.turning, "rad",
+        state.nis, 3 * state.epochs, least(track), "rad",
+        _blind(readback if way.source else None), np.zeros((p, p)),
     )  # fmt: skip
 
 
@@ -90,20 +76,27 @@ def accelerometers(
     smooth: bool = False,
 ) -> Filtered:
     """Run the accelerometers' filter over one trial's track, and back where that is wanted."""
+    readback = way.source[1] if way.source else None
     made = Accelerometers.of(
         sensor, bench, track, priors,
-        drifting=way.drifting, table=way.holding_table, readback=way.holding,
+        drifting=way.drifting, table=way.holding_table, readback=readback, still=way.still,
     )  # fmt: skip
     state, course = made.step(made.start(track), track, made.varying if smooth else ())
     p, g = len(made.first), bench.gravity
-    value, covariance = state.x[6:].copy(), state.p[6:, 6:].copy()
+    value = state.x[6:].copy()
     value[:p] = state.theta
-    along = model.of_gravity(made.part)
-    covariance[:p, :p] += (g.sd / g.value) ** 2 * np.outer(along, along)
+    along = model.of_gravity(made.part) * g.sd / g.value
     return Filtered(
-        made.part, course.names, value, covariance, course,
-        state.nis, 5 * state.epochs, STILL, "m/s",
+        made.part, course.names, value, state.p[6:, 6:], course,
+        state.nis, 5 * state.epochs, least(track), "m/s", _blind(readback),
+        np.outer(along, along),
     )  # fmt: skip
+
+
+def _blind(readback: float | None) -> str:
+    if readback is None:
+        return ""
+    return f"R of the source, {readback / ARCSEC:.3g}″, is not that of the noise"
 
 
 def followed(
@@ -164,8 +157,8 @@ def followed(
         weakest=None,
         converged=np.ones(lead, dtype=bool),
         iterations=np.ones(lead, dtype=np.intp),
-        groups=tuple(_group(one, observations) for one in trials[0]),
-        notes=tuple(_told(one) for one in trials[0]),
+        groups=tuple(group(one, observations) for one in trials[0]),
+        notes=tuple(told(one) for one in trials[0]),
         courses=tuple(one.course for one in trials[0]),
     )
 
@@ -213,47 +206,8 @@ def _together(names: tuple[str, ...], parts: Sequence[Filtered]) -> tuple[Array,
         own = [k for k, name in enumerate(one.names) if name in names]
         at = [names.index(one.names[k]) for k in own]
         value[at] = one.value[own]
-        covariance[np.ix_(at, at)] = _excess(one)[0] * one.covariance[np.ix_(own, own)]
+        covariance[np.ix_(at, at)] = excess(one) * one.covariance[np.ix_(own, own)]
+        # Innovations say nothing of an error that all of them share.
+        first = at[: len(one.added)]
+        covariance[np.ix_(first, first)] += one.added
     return value, covariance, sum(one.nis for one in parts)
-
-
-def _excess(one: Filtered) -> tuple[float, float]:
-    """Return what the innovations enlarge variances by, and the sd that is then added to them."""
-    if one.components == 0 or one.nis <= chdtri(one.components, 1 - _LEVEL):
-        return 1.0, 0.0
-    ratio = one.nis / one.components
-    return ratio, one.sd * float(np.sqrt(ratio - 1))
-
-
-def _group(one: Filtered, observations: Observations) -> Group:
-    """Return mean innovations by step of the run."""
-    time, z = one.course.time, one.course.innovation[:, :3]
-    labels: list[str] = []
-    means: list[Array] = []
-    for label, middle, seconds in zip(
-        observations.labels, observations.time, observations.duration, strict=True
-    ):
-        at = np.abs(time - middle) <= seconds / 2
-        if at.any():
-            labels.append(label)
-            means.append(z[at].mean(axis=0))
-    residual = np.array(means).reshape(-1, 3)
-    return Group(
-        name=f"innovations of the {one.course.name}' filter, mean of each step",
-        unit=one.unit,
-        labels=tuple(labels),
-        residual=residual,
-        sd=np.full(residual.shape, one.sd),
-        chi2=one.nis,
-        dof=one.components,
-        spread=Spread(excess=_excess(one)[1]),
-    )
-
-
-def _told(one: Filtered) -> str:
-    """Say how the innovations agree with what was stated."""
-    mean = one.nis / max(one.components, 1)
-    said = f"{one.course.name}: the innovations' NIS is {mean:.2f} a component (1 is as stated)"
-    if _excess(one)[1]:
-        return f"{said}: beyond what noise and table allow"
-    return f"{said}: within what noise and table allow"

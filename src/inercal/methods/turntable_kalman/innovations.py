@@ -1,0 +1,104 @@
+"""What a filter's innovations say of it: whether noise and table are as stated.
+
+Normalised, their squares (NIS) are χ² of as many degrees of freedom as there are components, if R
+is the noise (Bar-Shalom, Li and Kirubarajan 2001, Estimation with Applications to Tracking and
+Navigation, section 5.4). The source's R is not, and its NIS tests nothing.
+"""
+# SciPy has no stubs.
+# pyright: reportMissingTypeStubs=false
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtri
+
+from inercal.estimate import Course, Group
+from inercal.estimate.spread import Spread
+from inercal.methods.turntable.model import PERIOD, Triad
+from inercal.recording import Observations, Track
+
+Array = NDArray[np.float64]
+_LEVEL = 0.95
+_LESS = 0.9  # of NIS as stated: noise is seldom known to 5 %, and what is less does no harm
+
+
+class Filtered(NamedTuple):
+    """What one filter made of one track; coefficients come first."""
+
+    part: Triad
+    names: tuple[str, ...]
+    value: Array
+    covariance: Array
+    course: Course
+    nis: float  # sum over its components
+    components: int  # observed
+    least: float  # NIS a component where all is as stated, at least
+    unit: str
+    tests: str  # why NIS does not test what was stated; empty where it does
+    added: Array  # (p, p), covariance of coefficients that the filter does not know of
+
+    @property
+    def sd(self) -> float:
+        """Of the first three innovations, as the filter expected them."""
+        z = self.course.innovation[self.course.nis > 0, :3]
+        ratio = self.nis / max(self.components, 1)
+        return float(np.sqrt(np.mean(z**2) / ratio)) if z.size and ratio else 1.0
+
+
+def least(track: Track) -> float:
+    """Return how small NIS may be: by trapezoids an epoch of n samples has the noise of n − ½."""
+    step = float(np.median(np.diff(track.time))) if track.time.size > 1 else 0.0
+    return 1 - 0.5 * min(step / PERIOD, 1.0)
+
+
+def excess(one: Filtered) -> float:
+    """Return what the innovations enlarge variances by."""
+    if one.components == 0 or one.nis <= chdtri(one.components, 1 - _LEVEL):
+        return 1.0
+    return one.nis / one.components
+
+
+def group(one: Filtered, observations: Observations) -> Group:
+    """Return mean innovations by step of the run."""
+    kept = one.course.nis > 0
+    time, z = one.course.time[kept], one.course.innovation[kept, :3]
+    labels: list[str] = []
+    means: list[Array] = []
+    counts: list[int] = []
+    for label, middle, seconds in zip(
+        observations.labels, observations.time, observations.duration, strict=True
+    ):
+        at = np.abs(time - middle) <= seconds / 2
+        if at.any():
+            labels.append(label)
+            means.append(z[at].mean(axis=0))
+            counts.append(int(at.sum()))
+    residual = np.array(means).reshape(-1, 3)
+    return Group(
+        name=f"innovations of the {one.course.name}' filter, mean of each step",
+        unit=one.unit,
+        labels=tuple(labels),
+        residual=residual,
+        # Innovations are independent.
+        sd=one.sd / np.sqrt(np.array(counts, dtype=float))[:, None] * np.ones(3),
+        chi2=one.nis,
+        dof=one.components,
+        spread=Spread(excess=one.sd * float(np.sqrt(excess(one) - 1))),
+    )
+
+
+def told(one: Filtered) -> str:
+    """Say how the innovations agree with what was stated."""
+    mean = one.nis / max(one.components, 1)
+    said = f"{one.course.name}: the innovations' NIS is {mean:.2f} a component"
+    if excess(one) > 1:
+        return f"{said} (1 is as stated): beyond what noise and table allow"
+    if one.tests:
+        return f"{said}: {one.tests}, so it tests nothing"
+    if one.nis < _LESS * one.least * chdtri(one.components, _LEVEL):
+        return (
+            f"{said} (1 is as stated): less than stated; noise or table are better than that, and "
+            "the uncertainties too large"
+        )
+    return f"{said} (1 is as stated): within what noise and table allow"
