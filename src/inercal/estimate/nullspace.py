@@ -105,7 +105,7 @@ def _structure(system: System, point: Point, prior_rows: Array) -> Structure:
 
     null = v[rank:] @ left.T
     directions = _named(problem, point.x[0], null)
-    directions += [_direction(problem.names, w) for w in _echelon(loose @ (moves @ beside).T)]
+    directions += [_direction(problem.names, w) for w in echelon(loose @ (moves @ beside).T)]
     weakest = None
     if rank:
         weights = v[rank - 1] @ left.T
@@ -126,15 +126,15 @@ def _named(problem: Problem, x: Array, null: Array) -> list[NullDirection]:
         _, cosine, turn = np.linalg.svd(null @ span.T)
         common = turn[: len(cosine)][cosine > 1 - 1e-9] @ span
         if len(common):
-            found = [_direction(problem.wanted, w) for w in _echelon(common)]
+            found = [_direction(problem.wanted, w) for w in echelon(common)]
             directions += [NullDirection(d.weights, f"{words}: {d.words}") for d in found]
             # Keep the part of the null space that is orthogonal to what has been named.
             null = np.linalg.svd(null - (null @ common.T) @ common, full_matrices=False)[2]
             null = null[: len(null) - len(common)]
-    return directions + [_direction(problem.wanted, w) for w in _echelon(null)]
+    return directions + [_direction(problem.wanted, w) for w in echelon(null)]
 
 
-def _echelon(rows: Array) -> Array:
+def echelon(rows: Array) -> Array:
     """Return the reduced row echelon form of independent rows, the largest weight of each one."""
     if not len(rows):
         return rows

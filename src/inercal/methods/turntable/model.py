@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from inercal.benches.turntable import Turntable
 from inercal.benches.turntable_attitude import misalignment, reference
 from inercal.earth import earth_rate_up_north
-from inercal.errors import InputError
+from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gaussian, NullDirection
+from inercal.estimate.nullspace import echelon
 from inercal.methods.observed import in_natural_words
 from inercal.methods.turntable.terms import BIAS, Terms, terms
 from inercal.parameters import Parameter
@@ -41,7 +42,8 @@ EXPECTED = {
     "delta_p": 0.02,
 }
 _OTHERS = 1e-3  # of the natural size: 1000 µg/g², 200 °/h/g
-_DECIDED = 0.25  # of the variance before: a direction that keeps more was decided by the guess
+# Of the variance before: a direction that keeps more was decided by the guess, or owes it a share.
+_DECIDED, _FREE = 0.25, 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,16 +169,56 @@ def undecided(part: Triad, covariance: Array) -> tuple[NullDirection, ...]:
     covariance : (p, p) array
         Of the coefficients.
     """
+    return _directions(part, covariance, _DECIDED, np.inf)[1]
+
+
+def guessed(part: Triad, covariance: Array) -> tuple[float, tuple[NullDirection, ...]]:
+    """Return those that were decided but where the guess has a share, and its largest share.
+
+    Arguments as of `undecided`.
+    """
+    return _directions(part, covariance, _FREE, _DECIDED)
+
+
+def require_decided(part: Triad, covariance: Array, what: str) -> None:
+    """Refuse coefficients that are not decided, by name.
+
+    Parameters
+    ----------
+    part, covariance
+        As of `undecided`.
+    what : str
+        "gyros" or "accelerometers".
+
+    Raises
+    ------
+    NotObserved
+    """
+    free, p = undecided(part, covariance), len(covariance)
+    if free:
+        words = tuple(direction.words for direction in free)
+        raise NotObserved(
+            f"not observed: the run decides {p - len(free)} of {p} coefficients of the {what}; it "
+            f"leaves open, in units of g and rad/s: {'; '.join(words)}; turn about each axis with "
+            "the readback all along, hold more attitudes, or give priors",
+            words,
+        )
+
+
+def _directions(
+    part: Triad, covariance: Array, above: float, to: float
+) -> tuple[float, tuple[NullDirection, ...]]:
+    """Return the directions that keep such shares of the variance before, and the largest share."""
     sd = expected(part)
     share, directions = np.linalg.eigh(covariance / np.outer(sd, sd))
+    chosen = (share > above) & (share <= to)
+    rows = (sd[:, None] * directions[:, chosen]).T / part.sensor.natural
+    names = part.sensor.coefficients
     found: list[NullDirection] = []
-    for move in (sd[:, None] * directions[:, share > _DECIDED]).T:
-        natural = move / part.sensor.natural
-        natural = natural / natural[np.argmax(np.abs(natural))]
-        names = part.sensor.coefficients
-        weights = {n: float(w) for n, w in zip(names, natural, strict=True) if abs(w) > 1e-6}
-        found.append(NullDirection(weights, in_natural_words(natural, names)))
-    return tuple(found)
+    for move in echelon(rows):
+        weights = {n: float(w) for n, w in zip(names, move, strict=True) if w}
+        found.append(NullDirection(weights, in_natural_words(move, names)))
+    return float(np.max(share, where=chosen, initial=0.0)), tuple(found)
 
 
 def beside(

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches.turntable import Turntable
-from inercal.errors import InputError, NotObserved
+from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian
 from inercal.methods.turntable import model
 from inercal.methods.turntable.model import ARCSEC
@@ -32,6 +32,10 @@ class Way(NamedTuple):
     source: tuple[float, float] | None  # rad, of the attitude in each filter; None is the bench's
     still: float  # m/s
 
+    def readback(self, bench: Turntable) -> tuple[float, float | None]:
+        """Return what the gyros' and the accelerometers' filter take of the readback, rad."""
+        return self.source or (hypot(bench.white, model.FLOOR), None)
+
 
 WAYS: Mapping[str, Way] = {
     "full": Way(True, True, "whole", None, STILL),
@@ -50,8 +54,7 @@ def gyros(
     smooth: bool = False,
 ) -> Filtered:
     """Run the gyros' filter over one trial's track, and back where that is wanted."""
-    readback = way.source[0] if way.source else hypot(bench.white, model.FLOOR)
-    p = len(sensor.only("w").coefficients)
+    readback, p = way.readback(bench)[0], len(sensor.only("w").coefficients)
     made = Gyros.of(
         sensor, bench, track, priors,
         drifting=way.drifting, table=way.table, readback=readback,
@@ -76,7 +79,7 @@ def accelerometers(
     smooth: bool = False,
 ) -> Filtered:
     """Run the accelerometers' filter over one trial's track, and back where that is wanted."""
-    readback = way.source[1] if way.source else None
+    readback = way.readback(bench)[1]
     made = Accelerometers.of(
         sensor, bench, track, priors,
         drifting=way.drifting, table=way.holding_table, readback=readback, still=way.still,
@@ -86,10 +89,13 @@ def accelerometers(
     value = state.x[6:].copy()
     value[:p] = state.theta
     along = model.of_gravity(made.part) * g.sd / g.value
+    shared = np.outer(along, along)
+    covariance = state.p[6:, 6:].copy()
+    covariance[:p, :p] += shared
     return Filtered(
-        made.part, course.names, value, state.p[6:, 6:], course,
+        made.part, course.names, value, covariance, course,
         state.nis, 5 * state.epochs, least(track), "m/s", _blind(readback),
-        np.outer(along, along),
+        shared,
     )  # fmt: skip
 
 
@@ -120,7 +126,7 @@ def followed(
     if track is None:
         raise InputError("the filters follow a recording; means of positions are not enough")
     kinds = {axis.measures for axis in sensor.axes}
-    _require_apart(sensor, priors)
+    priors = _apart(sensor, priors)
     runs = [run for kind, run in (("w", gyros), ("f", accelerometers)) if kind in kinds]
     lead = track.reading.shape[:-2]
     trials = [
@@ -132,9 +138,15 @@ def followed(
         for index in np.ndindex(*lead)
     ]
     for one in chain.from_iterable(trials):
-        _require_decided(one)
-    names = _names(sensor, trials[0])
-    made = [_together(names, trial) for trial in trials]
+        p = len(one.part.sensor.coefficients)
+        model.require_decided(one.part, one.covariance[:p, :p], one.course.name)
+    owners = _owners(trials[0])
+    names = (*sensor.coefficients, *owners)
+    own = [
+        [*one.part.sensor.coefficients, *(n for n, owner in owners.items() if owner is one)]
+        for one in trials[0]
+    ]
+    made = [_together(names, trial, own) for trial in trials]
     q, p = len(names), len(sensor.coefficients)
     value = np.array([one[0] for one in made]).reshape(*lead, q)
     covariance = np.array([one[1] for one in made]).reshape(*lead, q, q)
@@ -158,56 +170,94 @@ def followed(
         converged=np.ones(lead, dtype=bool),
         iterations=np.ones(lead, dtype=np.intp),
         groups=tuple(group(one, observations) for one in trials[0]),
-        notes=tuple(told(one) for one in trials[0]),
+        notes=_notes(trials[0], way, bench),
         courses=tuple(one.course for one in trials[0]),
     )
 
 
-def _require_apart(sensor: Sensor, priors: Sequence[Gaussian]) -> None:
-    """Refuse a prior that joins both triads: each filter would leave it out."""
-    kind = {axis.name: axis.measures for axis in sensor.axes}
+def _apart(sensor: Sensor, priors: Sequence[Gaussian]) -> list[Gaussian]:
+    """Return priors by triad; one that correlates both is refused: each filter has its own."""
+    own = [sensor.only(kind).coefficients for kind in ("f", "w")]
+    made: list[Gaussian] = []
     for prior in priors:
-        touched = {kind[name.partition(".")[0]] for name in prior.names}
-        if len(touched) > 1:
+        first, second = (np.flatnonzero(np.isin(prior.names, names)) for names in own)
+        if np.any(prior.covariance[np.ix_(first, second)]):
             raise InputError(
                 f"prior on {', '.join(prior.names)}: the filters find gyros and accelerometers "
                 "apart; give priors of each by themselves, or use turntable_trajectory"
             )
+        made += [part for names in own if (part := prior.marginal(names)) is not None]
+    return made
 
 
-def _require_decided(one: Filtered) -> None:
-    p = len(one.part.sensor.coefficients)
-    free = model.undecided(one.part, one.covariance[:p, :p])
-    if free:
-        words = tuple(direction.words for direction in free)
-        raise NotObserved(
-            f"not observed: the run decides {p - len(free)} of {p} coefficients of the "
-            f"{one.course.name}; it leaves open, in units of g and rad/s: {'; '.join(words)}; turn "
-            "about each axis with the readback all along, hold more attitudes, or give priors",
-            words,
+def _notes(parts: Sequence[Filtered], way: Way, bench: Turntable) -> tuple[str, ...]:
+    """Say how innovations agree, and what the uncertainties do not hold."""
+    made = [told(one) for one in parts]
+    made += [words for one in parts if (words := _leaning(one))]
+    if not way.table and (bench.square > 0 or any(bench.harmonics)):
+        which = "gyros" if way.holding_table == "lean" else "gyros and accelerometers"
+        made.append(
+            f"{which}: right angles and harmonics of the table, which the bench declares, are in "
+            "none of the states, and the uncertainties are too small: full holds them"
         )
+    if len(parts) > 1 and way.table and set(_table(parts[0])) & set(_table(parts[1])):
+        made.append(
+            "gyros and accelerometers are stated as independent, though right angles and harmonics "
+            "of the table are common to both"
+        )
+    return tuple(made)
 
 
-def _names(sensor: Sensor, parts: Sequence[Filtered]) -> tuple[str, ...]:
-    """Return the coefficients in the sensor's order, then the table's parameters."""
-    others = [name for one in parts for name in one.names if _of_table(name)]
-    return (*sensor.coefficients, *dict.fromkeys(others))
+def _leaning(one: Filtered) -> str:
+    """Say what rests on the guess before the data in some measure."""
+    p = len(one.part.sensor.coefficients)
+    share, found = model.guessed(one.part, one.covariance[:p, :p])
+    if not found:
+        return ""
+    return (
+        f"{one.course.name}: up to {100 * share:.2g} % of what is known rests on how large "
+        f"coefficients may be expected to be, not on the run, in units of g and rad/s: "
+        f"{'; '.join(direction.words for direction in found)}"
+    )
 
 
-def _of_table(name: str) -> bool:
-    """Whether a state is a parameter of the table for the whole run."""
-    return "." not in name and not name.startswith(("drift[", "hold_"))
+def _owners(parts: Sequence[Filtered]) -> dict[str, Filtered]:
+    """Return, by parameter of the table, the filter that knows it better.
 
-
-def _together(names: tuple[str, ...], parts: Sequence[Filtered]) -> tuple[Array, Array, float]:
-    """Return value and covariance in order, by both filters as independent, and the sum of NIS."""
-    value, covariance = np.zeros(len(names)), np.zeros((len(names), len(names)))
+    Each has its own estimate, with its own correlations: one value of the one with correlations of
+    the other would be no covariance.
+    """
+    found: dict[str, tuple[float, Filtered]] = {}
     for one in parts:
-        own = [k for k, name in enumerate(one.names) if name in names]
-        at = [names.index(one.names[k]) for k in own]
-        value[at] = one.value[own]
-        covariance[np.ix_(at, at)] = excess(one) * one.covariance[np.ix_(own, own)]
+        for name in _table(one):
+            k = one.names.index(name)
+            variance = float(one.covariance[k, k])
+            if name not in found or variance < found[name][0]:
+                found[name] = variance, one
+    return {name: one for name, (_, one) in found.items()}
+
+
+def _table(one: Filtered) -> list[str]:
+    """Return the states that are parameters of the table for the whole run."""
+    return [
+        name for name in one.names if "." not in name and not name.startswith(("drift[", "hold_"))
+    ]
+
+
+def _together(
+    names: tuple[str, ...], parts: Sequence[Filtered], own: Sequence[Sequence[str]]
+) -> tuple[Array, Array, float]:
+    """Return value and covariance in order, by both filters as independent, and the sum of NIS.
+
+    Of each filter those of its states that are its `own`.
+    """
+    value, covariance = np.zeros(len(names)), np.zeros((len(names), len(names)))
+    for one, taken in zip(parts, own, strict=True):
+        at = [names.index(name) for name in taken]
+        k = [one.names.index(name) for name in taken]
+        value[at] = one.value[k]
+        ratio, first = excess(one), at[: len(one.shared)]
+        covariance[np.ix_(at, at)] = ratio * one.covariance[np.ix_(k, k)]
         # Innovations say nothing of an error that all of them share.
-        first = at[: len(one.added)]
-        covariance[np.ix_(first, first)] += one.added
+        covariance[np.ix_(first, first)] -= (ratio - 1) * one.shared
     return value, covariance, sum(one.nis for one in parts)

@@ -36,7 +36,7 @@ class Filtered(NamedTuple):
     least: float  # NIS a component where all is as stated, at least
     unit: str
     tests: str  # why NIS does not test what was stated; empty where it does
-    added: Array  # (p, p), covariance of coefficients that the filter does not know of
+    shared: Array  # (p, p), part of the covariance that no innovation shows: gravity's
 
     @property
     def sd(self) -> float:

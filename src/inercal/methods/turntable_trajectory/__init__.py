@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from inercal.benches.turntable import Turntable
 from inercal.benches.turntable_paths import named
-from inercal.errors import InputError, NotObserved
+from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian, Problem
 from inercal.estimate import least_squares as solve
 from inercal.methods import vectors
@@ -100,7 +100,8 @@ def solved(
     estimate = solve(problem(sensor, bench, parts, priors))
     for part in parts:
         at = [sensor.coefficients.index(name) for name in part.part.sensor.coefficients]
-        _require_decided(part, estimate.covariance[np.ix_(at, at)])
+        what = "gyros" if isinstance(part, Turning) else "accelerometers"
+        model.require_decided(part.part, estimate.covariance[np.ix_(at, at)], what)
     return estimate
 
 
@@ -169,19 +170,6 @@ def _parts(
 def _places(part: Turning | Resting, sensor: Sensor) -> Indices:
     names = part.part.sensor.coefficients
     return np.array([sensor.coefficients.index(name) for name in names], dtype=np.int64)
-
-
-def _require_decided(part: Turning | Resting, covariance: Array) -> None:
-    free, p = model.undecided(part.part, covariance), len(covariance)
-    if free:
-        words = tuple(direction.words for direction in free)
-        what = "gyros" if isinstance(part, Turning) else "accelerometers"
-        raise NotObserved(
-            f"not observed: the run decides {p - len(free)} of {p} coefficients of the {what}; it "
-            f"leaves open, in units of g and rad/s: {'; '.join(words)}; turn about each axis with "
-            "the readback all along, hold more attitudes, or give priors",
-            words,
-        )
 
 
 def stacked(estimates: Sequence[Estimate], lead: tuple[int, ...]) -> Estimate:

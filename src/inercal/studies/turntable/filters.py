@@ -47,7 +47,12 @@ def filter_of(case: Case, way: str, sensor: Sensor = SENSOR) -> Gyros:
     """Return the gyros' filter of a way."""
     one = WAYS[way]
     return Gyros.of(
-        sensor, TOLD, case.track, drifting=one.drifting, table=one.table, readback=one.turning
+        sensor,
+        TOLD,
+        case.track,
+        drifting=one.drifting,
+        table=one.table,
+        readback=one.readback(TOLD)[0],
     )
 
 
@@ -84,7 +89,8 @@ def accelerometers(way: str) -> Run:
     def run(case: Case) -> Found:
         filter_ = Accelerometers.of(
             SENSOR, TOLD, case.track,
-            drifting=one.drifting, table=one.holding_table, readback=one.holding,
+            drifting=one.drifting, table=one.holding_table, readback=one.readback(TOLD)[1],
+            still=one.still,
         )  # fmt: skip
         state, course = filter_.step(filter_.start(case.track), case.track)
         trace = _trace(course, np.arange(state.theta.size), case.of("a"))
