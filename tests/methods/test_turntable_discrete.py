@@ -109,13 +109,13 @@ def test_drift_between_means_is_that_of_simulated_drift():
         [drawn[:, int(4 * a) : int(4 * b)].mean(axis=1) for a, b in zip(start, stop, strict=True)]
     )
     simulated = np.einsum("rti,sti->rs", means, means) / (400 * 3)
-    stated = drift_covariance(np.array([4.0]), np.zeros(1), start, stop)[..., 0]
+    stated = drift_covariance(np.array([4.0]), np.zeros(1), np.array([200.0]), start, stop)[..., 0]
     assert np.abs(simulated - stated).max() < 0.05 * 4
 
 
 def test_drift_as_a_walk_grows_with_time():
     start, stop = np.array([0.0, 100.0]), np.array([10.0, 130.0])
-    made = drift_covariance(np.zeros(1), np.array([3.0]), start, stop)[..., 0]
+    made = drift_covariance(np.zeros(1), np.array([3.0]), np.array([200.0]), start, stop)[..., 0]
     assert made == pytest.approx(3.0 * np.array([[10 / 3, 5.0], [5.0, 110.0]]))
 
 

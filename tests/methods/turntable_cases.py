@@ -58,8 +58,8 @@ def discrete(seconds: float = 90.0) -> list[turntable.Stand | turntable.Turn]:
     return path
 
 
-def sensor(grade: turntable.Grade = turntable.T, *also: str) -> Sensor:
-    """Return the IMU with a grade's noise; bias, scale and misalignment are wanted."""
+def sensor(grade: turntable.Grade = turntable.T, *also: str, flicker: bool = False) -> Sensor:
+    """Return the IMU with a grade's noise and drift; bias, scale, misalignment are wanted."""
     made = imu()
     noises = {"w": (grade.arw, grade.gyro_drift), "f": (grade.vrw, grade.acc_drift)}
     axes = tuple(
@@ -69,6 +69,7 @@ def sensor(grade: turntable.Grade = turntable.T, *also: str) -> Sensor:
                 axis.noise,
                 white=noises[axis.measures][0],
                 bias_instability=noises[axis.measures][1],
+                correlation=0.0 if flicker else grade.correlation,
             ),
         )
         for axis in made.axes

@@ -41,6 +41,8 @@ class Group:
         By the noise as stated.
     spread : Spread
         What χ² made of the noise, in the unit; for readings behind the residuals, in theirs.
+    enlarged : bool
+        Whether what follows from the group was enlarged by its Birge ratio.
     """
 
     name: str
@@ -51,6 +53,7 @@ class Group:
     chi2: float
     dof: int
     spread: Spread
+    enlarged: bool = False
 
     @property
     def p_value(self) -> float:
@@ -169,6 +172,12 @@ class Estimate:
         if self.groups:
             return np.ones(np.shape(self.chi2))
         return np.where(self.consistent, 1.0, np.sqrt(self.chi2 / max(self.dof, 1)))
+
+    @property
+    def doubt(self) -> Array:
+        """Birge ratio, (...), or that by which a group enlarged its share, if that is larger."""
+        ratios = [(one.chi2 / one.dof) ** 0.5 for one in self.groups if one.enlarged]
+        return np.maximum(self.birge, max(ratios, default=1.0))
 
     @property
     def stated_covariance(self) -> Array:

@@ -6,12 +6,18 @@ Symbols and the two-sided spectra of IEEE Std 952, annex B::
     bias instability B    S(f) = B²/(2π f)      Allan floor √(2 ln2/π) B = 0.664 B
     random walk      K    S(f) = (K/(2π f))²    increments over dt have variance K² dt
     quantisation     step the output is rounded to a multiple of it
+
+With a correlation time τ the bias drifts otherwise, as the Gauss–Markov process of sd B that many
+filters and papers take it for: S(f) = 2 B² τ/(1 + (2π f τ)²), a hump about 1/(2π τ) and no flicker.
 """
+# SciPy has no stubs.
+# pyright: reportMissingTypeStubs=false
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from inercal.errors import InputError
 
@@ -32,6 +38,8 @@ class Noise:
         K, m/s²/√s or rad/s/√s.
     quantisation : float
         Step of the reading, m/s² or rad/s; 0 is none.
+    correlation : float
+        τ of a Gauss–Markov drift of sd B, s; 0 is flicker.
 
     Raises
     ------
@@ -43,6 +51,7 @@ class Noise:
     bias_instability: float = 0.0
     random_walk: float = 0.0
     quantisation: float = 0.0
+    correlation: float = 0.0
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -56,7 +65,10 @@ class Noise:
         if self.white:
             noise += self.white * rate_hz**0.5 * rng.standard_normal(shape)
         if self.bias_instability:
-            noise += self.bias_instability * _flicker(rng, shape)
+            if self.correlation:
+                noise += self.bias_instability * _markov(rng, shape, dt / self.correlation)
+            else:
+                noise += self.bias_instability * _flicker(rng, shape)
         if self.random_walk:
             steps = rng.standard_normal(shape)
             steps[..., 0] = 0.0  # the walk starts from the bias that is to be found
@@ -68,6 +80,14 @@ class Noise:
         if not self.quantisation:
             return reading
         return np.round(reading / self.quantisation) * self.quantisation
+
+
+def _markov(rng: np.random.Generator, shape: tuple[int, ...], step: float) -> Array:
+    """Return a unit Gauss–Markov process, stationary from the start; step in correlation times."""
+    kept = np.exp(-step)
+    drawn = rng.standard_normal(shape)
+    drawn[..., 1:] *= np.sqrt(1 - kept**2)
+    return np.asarray(lfilter([1.0], [1.0, -kept], drawn, axis=-1), dtype=float)
 
 
 def _flicker(rng: np.random.Generator, shape: tuple[int, ...]) -> Array:

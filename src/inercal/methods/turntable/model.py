@@ -21,11 +21,15 @@ from inercal.methods.observed import in_natural_words
 from inercal.methods.turntable.terms import BIAS, Terms, terms
 from inercal.parameters import Parameter
 from inercal.recording import Track
-from inercal.sensors import G0, Sensor
+from inercal.sensors import G0, Noise, Sensor
 
 Array = NDArray[np.float64]
 ARCSEC = radians(1 / 3600)
-CORRELATION = 200.0  # s, of the drift of biases
+# Bias instability B is flicker (`sensors.noise`), which no filter of few states holds. Over runs of
+# 4 to 30 minutes, of which the mean is the bias, one Gauss–Markov process of sd 1.25 B and 100 s
+# makes uncertainties as large as the errors within 20 % in variance; tests say so. B and 200 s, the
+# drift of the source of the filters, make them too small by up to 30 % where drift prevails.
+_FLICKER, _LASTING = 1.25, 100.0
 PERIOD = 0.1  # s between epochs
 GAP = 0.5  # s without a sample, beyond which the attitude is taken from the table anew
 # rad. What rates taken as linear between samples miss, beside kinks, which are in Q; and a readback
@@ -61,6 +65,8 @@ class Triad:
         Variance of the integral of the noise, SI²/s.
     drift : (3, 2) array
         Of each bias: variance of its drift, and of its walk by second.
+    correlation : float
+        Time of the drift, s.
     """
 
     sensor: Sensor
@@ -68,6 +74,24 @@ class Triad:
     channels: NDArray[np.int64]
     white: Array
     drift: Array
+    correlation: float
+
+
+def drifts(noises: Sequence[Noise]) -> tuple[Array, Array]:
+    """Return variances of m biases' drift and of their walk by second, (m, 2), and times, (m,) s.
+
+    Parameters
+    ----------
+    noises : sequence of m Noise
+    """
+    made = [
+        (one.bias_instability, one.correlation)
+        if one.correlation
+        else (_FLICKER * one.bias_instability, _LASTING)
+        for one in noises
+    ]
+    variance = [(sd**2, one.random_walk**2) for (sd, _), one in zip(made, noises, strict=True)]
+    return np.array(variance), np.array([lasting for _, lasting in made])
 
 
 def triad(sensor: Sensor, kind: str, *, drifting: bool = True) -> Triad:
@@ -83,13 +107,16 @@ def triad(sensor: Sensor, kind: str, *, drifting: bool = True) -> Triad:
     if not all(one.white > 0 for one in noise):
         which = "accelerometer" if kind == "f" else "gyro"
         raise InputError(f"[sensor.{which}] white: a filter needs the noise; state it")
-    drift = np.array([(one.bias_instability**2, one.random_walk**2) for one in noise])
+    drift, correlation = drifts(noise)
+    if np.ptp(correlation) > 0:
+        raise InputError(f"{part.name}: a filter takes one correlation time of the drift for all")
     return Triad(
         part,
         terms(part),
         np.array([sensor.channels.index(name) for name in part.channels]),
         np.array([one.white**2 for one in noise]),
         drift if drifting else np.zeros((3, 2)),
+        float(correlation[0]),
     )
 
 

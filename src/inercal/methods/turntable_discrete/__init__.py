@@ -5,11 +5,11 @@ signs in rotations: biases and the earth's rate are what the signs leave, scale 
 what they turn. What the table may be off by is a nuisance with its stated deviation; the drift of
 biases makes neighbouring rows alike::
 
-    cov(r, s) = B² τ² (1 − e^(−T_r/τ)) (1 − e^(−T_s/τ)) e^(−gap/τ) / (T_r T_s)
-    var(r)    = 2 B² τ² (T_r/τ − 1 + e^(−T_r/τ)) / T_r²
+    cov(r, s) = σ² τ² (1 − e^(−T_r/τ)) (1 − e^(−T_s/τ)) e^(−gap/τ) / (T_r T_s)
+    var(r)    = 2 σ² τ² (T_r/τ − 1 + e^(−T_r/τ)) / T_r²
 
-of a Gauss–Markov process of τ = 200 s. Accelerometers take no part in rotations, where an unstated
-lever arm would be felt.
+of the Gauss–Markov process that stands for bias instability (`turntable.model`). Accelerometers
+take no part in rotations, where an unstated lever arm would be felt.
 
 Source: IEEE Std 1293 and 1431, multipoint and rate tests; Titterton and Weston, Strapdown Inertial
 Navigation Technology, 2nd edition, chapter 8.
@@ -30,7 +30,7 @@ from inercal.estimate import least_squares as solve
 from inercal.methods import vectors
 from inercal.methods._base import Method
 from inercal.methods.observed import require_observed
-from inercal.methods.turntable.model import CORRELATION
+from inercal.methods.turntable.model import drifts
 from inercal.methods.turntable_discrete.felt import Way, felt, mean, planned, rows
 from inercal.plan import Position, Rotation, TableStep
 from inercal.recording import Observations, Track
@@ -124,38 +124,40 @@ def problem(
     )
 
 
-def drift_covariance(variance: Array, walk: Array, start: Array, stop: Array) -> Array:
+def drift_covariance(
+    variance: Array, walk: Array, correlation: Array, start: Array, stop: Array
+) -> Array:
     """Return the covariance of m drifting biases between means over r spans, (r, r, m).
 
     Parameters
     ----------
     variance, walk : (m,) arrays
         Of the drift, SI², and of its walk by second, SI²/s.
+    correlation : (m,) array
+        Time of the drift, s.
     start, stop : (r,) arrays
         s; spans do not overlap.
     """
-    lasting, tau = stop - start, CORRELATION
+    r, lasting = np.arange(len(start)), (stop - start)[:, None]
     gap = np.maximum(start[:, None] - stop, start - stop[:, None])
-    fall = -np.expm1(-lasting / tau) * tau / lasting
-    alike = fall[:, None] * fall * np.exp(-np.maximum(gap, 0.0) / tau)
-    np.fill_diagonal(alike, 2 * tau / lasting * (1 - fall))
+    fall = -np.expm1(-lasting / correlation) * correlation / lasting
+    alike = fall[:, None] * fall * np.exp(-np.maximum(gap, 0.0)[..., None] / correlation)
+    alike[r, r] = 2 * correlation / lasting * (1 - fall)
     middle = 0.5 * (start + stop) - start.min()
     walked = np.minimum(middle[:, None], middle)
     # Within one span min(t, t′) averages to its start plus a third of its length.
-    np.fill_diagonal(walked, middle - lasting / 6)
-    return alike[..., None] * variance + walked[..., None] * walk
+    np.fill_diagonal(walked, middle - lasting[:, 0] / 6)
+    return alike * variance + walked[..., None] * walk
 
 
 def _drifting(observations: Observations, sensor: Sensor) -> Observations:
     """Return the observations with the drift that the sensor states, in place of another."""
-    noise = [axis.noise for axis in sensor.axes]
-    variance = np.array([one.bias_instability**2 for one in noise])
-    walk = np.array([one.random_walk**2 for one in noise])
-    if not (variance.any() or walk.any()):
+    drift, correlation = drifts([axis.noise for axis in sensor.axes])
+    if not drift.any():
         return observations
     start = observations.time - observations.duration / 2
     stop = start + observations.duration
-    return replace(observations, drift=drift_covariance(variance, walk, start, stop))
+    return replace(observations, drift=drift_covariance(*drift.T, correlation, start, stop))
 
 
 def _followed(

@@ -205,4 +205,4 @@ class Accelerometers:
         seen = misalignment(replace(self.bench, harmonics=(1.0,)), angles)
         waves = [k for k, q in enumerate(seen.parameters) if q.name.startswith(("sin", "cos"))]
         share = np.sum(seen.by[..., :2, waves] ** 2, axis=-1)
-        return self.bench.white**2 * share + model.FLOOR**2
+        return np.maximum(self.bench.white**2 * share, model.FLOOR**2)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from inercal.benches.turntable import Turntable
 from inercal.estimate import Course, Smoothed
 from inercal.estimate.kalman import Steps, smoothed, steps
-from inercal.methods.turntable.model import CORRELATION, Triad, earth
+from inercal.methods.turntable.model import Triad, earth
 from inercal.methods.turntable_kalman._common import Model
 
 Array = NDArray[np.float64]
@@ -18,7 +18,9 @@ TILT = ("phi_e", "phi_n", "phi_u")
 
 def known(part: Triad, bench: Turntable) -> Model:
     """Return what a kernel knows of a triad, and of where it is."""
-    return Model(part.terms, part.white, part.drift, CORRELATION, earth(bench), bench.gravity.value)
+    return Model(
+        part.terms, part.white, part.drift, part.correlation, earth(bench), bench.gravity.value
+    )
 
 
 def drift_of(part: Triad) -> tuple[str, ...]:

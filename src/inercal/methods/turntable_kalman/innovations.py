@@ -85,6 +85,7 @@ def group(one: Filtered, observations: Observations) -> Group:
         chi2=one.nis,
         dof=one.components,
         spread=Spread(excess=one.sd * float(np.sqrt(excess(one) - 1))),
+        enlarged=excess(one) > 1,
     )
 
 

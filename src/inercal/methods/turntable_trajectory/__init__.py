@@ -3,7 +3,7 @@
 The gyros carry the attitude from one readback to the next, ten times a second; accelerometers read
 gravity where the table holds. Coefficients and what the table may be off by, timing included, are
 found together by Gauss–Newton steps on residuals that are made independent exactly: the noise of
-gyros and accelerometers, that of the readback and the drift of biases (Gauss–Markov, 200 s) go
+gyros and accelerometers, that of the readback and the drift of biases (a Gauss–Markov process) go
 through a filter of their own, the same for every column of the Jacobian. For normal noise no
 unbiased estimate is better (Cramér–Rao); the filters of `turntable_kalman` are held to it.
 

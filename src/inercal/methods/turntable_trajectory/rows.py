@@ -122,7 +122,7 @@ class Turning:
                 made[:, :, 0] -= made[:, :, 1 + p + k] * _off(one, q)
         _kernels.whiten(
             since, made, drifting, driven, self.bench.white**2, self.part.drift,
-            model.CORRELATION, earth, self._lost,
+            self.part.correlation, earth, self._lost,
         )  # fmt: skip
         flat = made.reshape(3 * n, -1)
         return flat[:, 0], flat[:, 1:]
@@ -230,6 +230,6 @@ class Resting:
         e = len(self.time)
         made = np.concatenate([residual[:, None], jacobian], axis=1).reshape(e, 3, -1)
         made = np.ascontiguousarray(made)
-        _kernels.whiten_each(self.time, made, self.white, self.part.drift, model.CORRELATION)
+        _kernels.whiten_each(self.time, made, self.white, self.part.drift, self.part.correlation)
         flat = made.reshape(3 * e, -1)
         return flat[:, 0], flat[:, 1:]

@@ -18,7 +18,6 @@ from scipy.signal import lfilter
 
 from inercal.benches import Turntable
 from inercal.benches.turntable_run import perform_on_turntable
-from inercal.methods.turntable.model import CORRELATION
 from inercal.motion import Motion
 from inercal.pipeline.simulation import read_out
 from inercal.plan import Position, TableStep
@@ -34,8 +33,9 @@ DEG_MIN, DEG_H = radians(1) / 60, radians(1) / 3600  # rad/s
 PPM = 1e-6
 MICRO_G = 1e-6 * G0
 ARW = 0.1  # °/√h
-GYRO = Noise(white=radians(ARW) / 60, bias_instability=0.5 * DEG_H)
-ACCELEROMETER = Noise(white=60 * MICRO_G, bias_instability=15 * MICRO_G)
+CORRELATION = 200.0  # s
+GYRO = Noise(white=radians(ARW) / 60, bias_instability=0.5 * DEG_H, correlation=CORRELATION)
+ACCELEROMETER = Noise(white=60 * MICRO_G, bias_instability=15 * MICRO_G, correlation=CORRELATION)
 SIZES = {  # 1σ of the devices, SI
     "bias": radians(0.3),
     "scale": 5000e-6,
