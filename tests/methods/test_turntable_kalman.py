@@ -331,7 +331,8 @@ def test_what_the_filters_do_not_take_is_refused(made: turntable.Draw):
     silent = replace(sensor(), axes=tuple(replace(a, noise=type(a.noise)()) for a in sensor().axes))
     with pytest.raises(InputError, match="white"):
         estimate(seen, silent, bench(), ())
-    both = Gaussian.independent(("gx.scale", "ax.k1"), (0.0, 0.0), (1e-3, 1e-3))
+    alike = np.array([[1e-6, 5e-7], [5e-7, 1e-6]])
+    both = Gaussian(("gx.scale", "ax.k1"), np.zeros(2), alike)
     with pytest.raises(InputError, match=r"prior on gx\.scale, ax\.k1"):
         estimate(seen, sensor(), bench(), (), (both,))
     with pytest.raises(InputError, match=r"does not find ax\.koq"):

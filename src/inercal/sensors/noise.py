@@ -11,7 +11,7 @@ With a correlation time τ the bias drifts otherwise, as the Gauss–Markov proc
 filters and papers take it for: S(f) = 2 B² τ/(1 + (2π f τ)²), a hump about 1/(2π τ) and no flicker.
 """
 # SciPy has no stubs.
-# pyright: reportMissingTypeStubs=false
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
 
 from dataclasses import dataclass
 

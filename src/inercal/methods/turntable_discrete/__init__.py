@@ -157,7 +157,9 @@ def _drifting(observations: Observations, sensor: Sensor) -> Observations:
         return observations
     start = observations.time - observations.duration / 2
     stop = start + observations.duration
-    return replace(observations, drift=drift_covariance(*drift.T, correlation, start, stop))
+    return replace(
+        observations, drift=drift_covariance(drift[:, 0], drift[:, 1], correlation, start, stop)
+    )
 
 
 def _followed(

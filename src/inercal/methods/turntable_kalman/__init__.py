@@ -1,13 +1,16 @@
 """An IMU on a turntable, followed by two Kalman filters over one recording.
 
 * `full`: the gyros' and the accelerometers' filter with the drift of the biases, the delay of the
-  readback and the table's other declared errors as states.
-* `drift`: the same without right angles and harmonics: 19 and 25 states for 24 parameters.
+  readback and the table's other declared errors as states. R is the readback's noise as the bench
+  states it, so that the innovations test what was stated.
+* `drift`: without right angles and harmonics, of the source's R: 19 and 25 states for 24
+  parameters, and one each for an azimuth and a readback's clock that are not exact.
 * `paper`: the source's, 15 and 18 states: its uncertainties are too small where the table errs.
 
-Both filters run over the whole recording, the accelerometers' one where the table holds. Their
-coefficients refer to the table's innermost axis frame: 24 in all. `Calibration.in_frame` turns them
-exactly into the 21 of a frame that is tied to the accelerometers.
+Both filters run over the whole recording, the accelerometers' one where the table holds, and know
+nothing of each other: what both find of the table is stated once, by the one that knows it better.
+Their coefficients refer to the table's innermost axis frame: 24 in all. `Calibration.in_frame`
+turns them exactly into the 21 of a frame that is tied to the accelerometers.
 
 Source: Liu, Cui, Zhang and Xu (North University of China), fast calibration of a MIMU on a
 turntable with LabVIEW; its equations are lost in the copy at hand and rebuilt from its text. Drift,
@@ -64,7 +67,7 @@ def drift(
     steps: Sequence[TableStep],
     priors: Sequence[Gaussian] = (),
 ) -> Estimate:
-    """Return the coefficients by filters of 19 and 25 states; arguments as of `full`."""
+    """Return the coefficients without right angles and harmonics; arguments as of `full`."""
     return followed(observations, sensor, bench, priors, WAYS["drift"])
 
 
