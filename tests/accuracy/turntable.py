@@ -5,7 +5,8 @@ Axes Z outer, X middle, Y inner; the frame is level, east, north, up. The attitu
     C = T Rz(outer) N₁ Rx(middle) N₂ Ry(inner)
 
 T is how the base leans and where it points, N₁ and N₂ by how much neighbouring axes miss a right
-angle. Each axis moves one after another, or all at once, at trapezoids of rate. The body feels
+angle. Each axis moves one after another, or all at once, at trapezoids of rate, or at S-curves: a
+trapezoid's moving average, whose acceleration is a trapezoid. The body feels
 
     ω = Cᵀ ω_ie + Σ (axes' rates along the axes),   f = Cᵀ (g up + r̈)
 
@@ -16,7 +17,7 @@ Angles in rad, rates rad/s, forces m/s², times s.
 """
 
 from dataclasses import dataclass
-from math import pi, radians, sqrt
+from math import factorial, pi, radians, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,6 +94,7 @@ class Table:
     lever: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m, in the body
     fastest: float = radians(30)  # of moves between positions, rad/s
     acceleration: float = radians(30)  # rad/s²
+    jerk: float | None = None  # rad/s³; none is no limit
 
 
 @dataclass(frozen=True)
@@ -126,6 +128,9 @@ class Draw:
         The axes' angles.
     gyro_drift, acc_drift : (trials, n, 3) arrays
         What is in the readings of it.
+    between : (trials, n, 3) array
+        What the rotation vector of each step, by its length, is more than the mean of the rates at
+        its ends, as the gyros would read it: noise and drift apart, exact.
     """
 
     time: Array
@@ -139,6 +144,7 @@ class Draw:
     true: Array
     gyro_drift: Array
     acc_drift: Array
+    between: Array
 
 
 def about(axis: int, angle: Array) -> Array:
@@ -151,28 +157,38 @@ def about(axis: int, angle: Array) -> Array:
     return made
 
 
-def profile(
-    angle: float, rate: float, acceleration: float, hz: float, late: float
-) -> tuple[Array, Array, Array]:
-    """Return angle, rate and angle as it was `late` before, of a move from rest to rest.
+def profile(angle: float, rate: float, table: Table, hz: float) -> tuple[Array, Array, Array]:
+    """Return angle, rate and angle as it was `latency` before, of a move from rest to rest.
 
     At the samples after its start.
     """
-    size = abs(angle)
-    top = min(rate, sqrt(size * acceleration))
-    up = top / acceleration
+    size, a = abs(angle), table.acceleration
+    smooth = a / table.jerk if table.jerk else 0.0
+    top = min(rate, sqrt(size * a))
+    up = top / a
     flat = size / top - up
-    t = np.arange(1, int(np.ceil((2 * up + flat + late) * hz)) + 1) / hz
+    ends = ((0.0, a), (up, -a), (up + flat, -a), (2 * up + flat, a))
+    t = np.arange(1, int(np.ceil((2 * up + flat + smooth + table.latency) * hz)) + 1) / hz
 
-    def way(t: Array) -> Array:
-        first, last = np.clip(t, 0, up), np.clip(t - up - flat, 0, up)
-        middle = np.clip(t - up, 0, flat)
-        return acceleration * (first**2 - last**2) / 2 + top * (middle + last)
+    def summed(t: Array, degree: int) -> Array:
+        """Return the acceleration's steps, integrated so many times."""
+        made = np.zeros_like(t)
+        for start, step in ends:
+            if smooth:
+                made += step / smooth * _ramp(t - start, degree + 1)
+                made -= step / smooth * _ramp(t - start - smooth, degree + 1)
+            else:
+                made += step * _ramp(t - start, degree)
+        return made
 
-    speed = np.where(t < up, acceleration * t, np.where(t < up + flat, top, 0.0))
-    speed = np.where(t >= up + flat, np.maximum(top - acceleration * (t - up - flat), 0.0), speed)
-    sign = np.sign(angle)
-    return sign * way(t), sign * speed, sign * way(t - late)
+    sign, done = np.sign(angle), 2 * up + flat + smooth
+    way = np.where(t >= done, size, summed(t, 2))
+    late = np.where(t - table.latency >= done, size, summed(t - table.latency, 2))
+    return sign * way, sign * np.where(t >= done, 0.0, summed(t, 1)), sign * late
+
+
+def _ramp(t: Array, degree: int) -> Array:
+    return np.maximum(t, 0.0) ** degree / factorial(degree)
 
 
 def travel(
@@ -203,7 +219,7 @@ def travel(
             goal = now.copy()
             goal[axis] += radians(angle)
             name, rest = label, 0
-        made = {k: profile(d, w, table.acceleration, hz, table.latency) for k, d, w in each}
+        made = {k: profile(d, w, table, hz) for k, d, w in each}
         n = max((len(m[0]) for m in made.values()), default=0)
         way, late, speed = np.tile(now, (n, 1)), np.tile(now, (n, 1)), np.zeros((n, 3))
         for k, (angle_of, rate_of, late_of) in made.items():
@@ -264,6 +280,7 @@ def draw(
     )
     by_g = device.by_g * rng.standard_normal((trials, 3, 3))
     rates, forces, angles = (np.empty((trials, n, 3)) for _ in range(3))
+    between, around = np.zeros((trials, n, 3)), _turn(earth / hz)
     for k in range(trials):
         tilted = about(0, base[k, 0]) @ about(1, base[k, 1]) @ about(2, base[k, 2])
         second = middle @ about(2, squares[k, 1]) @ inner
@@ -279,6 +296,9 @@ def draw(
             arm, own = np.array(table.lever), w - mat.swapaxes(1, 2) @ earth
             f = f + np.cross(np.gradient(own, 1 / hz, axis=0), arm)
             f += np.cross(own, np.cross(own, arm))
+        turned = _vector(mat[:-1].swapaxes(1, 2) @ around @ mat[1:]) * hz
+        beyond = turned - (w[1:] + w[:-1]) / 2
+        between[k, 1:] = beyond + beyond @ gyro[k, 3:].reshape(3, 3).T
         rates[k] = w + w @ gyro[k, 3:].reshape(3, 3).T + gyro[k, :3] + f @ by_g[k].T
         forces[k] = f + f @ acc[k, 3:].reshape(3, 3).T + acc[k, :3]
         angles[k] = late
@@ -293,7 +313,26 @@ def draw(
     acc_drift = drift(rng, sensor.acc_drift, c, n, hz, trials)
     forces += acc_drift
     angles += table.white * rng.standard_normal(angles.shape)
-    return Draw(time, rates, forces, angles, labels, gyro, acc, by_g, true, gyro_drift, acc_drift)
+    return Draw(
+        time, rates, forces, angles, labels, gyro, acc, by_g, true, gyro_drift, acc_drift, between
+    )
+
+
+def _turn(v: Array) -> Array:
+    """Return the rotation by a vector, by Rodrigues."""
+    size = np.linalg.norm(v)
+    k = np.cross(np.eye(3), v / size)
+    return np.eye(3) + np.sin(size) * k + (1 - np.cos(size)) * k @ k
+
+
+def _vector(mat: Array) -> Array:
+    """Return the rotation vectors of rotations by less than a right angle."""
+    v = 0.5 * np.stack(
+        [mat[:, 2, 1] - mat[:, 1, 2], mat[:, 0, 2] - mat[:, 2, 0], mat[:, 1, 0] - mat[:, 0, 1]],
+        axis=-1,
+    )
+    size = np.linalg.norm(v, axis=-1, keepdims=True)
+    return v * np.arcsin(size) / np.maximum(size, 1e-300)
 
 
 def _matrix(rng: np.random.Generator, device: Device, trials: int) -> Array:

@@ -2,6 +2,9 @@
 
 Level frame east, north, up; C_est = (I − [φ×]) C, M = (I + Ŝ)⁻¹; X in the order of the note, S row
 after row. F, G and H are written as the note has them and held over one update.
+
+Of inercal's own is one rule: at rest F has the earth's rate in it, not the readings'. How rates
+become an angle is neither's: noise apart, the generator's exact steps are taken.
 """
 
 from dataclasses import dataclass
@@ -66,7 +69,8 @@ def gyro(
 ) -> Done:
     """Return bias and S of the gyros: 15, 19 or 28 states.
 
-    At rest ω̂ is the earth's rate: readings' noise is what φ walks by, and F is to be free of it.
+    At rest ω̂ is the earth's rate, as inercal has it: φ walks by the readings' noise, and F is to be
+    free of it.
     Into `steps` go Φ, P before and after each update, and what the update adds to the states.
     """
     hz = 1 / (made.time[1] - made.time[0])
@@ -84,19 +88,16 @@ def gyro(
     p = np.tile(np.diag(sd**2), (trials, 1, 1))
     r = (10 if n == 15 else 4) * ARCSEC
     rates, angles, labels = made.rates[:, part], made.angles[:, part], made.labels[part]
+    between = made.between[:, part]
     still = np.array([name != "" and name[-1] not in "+-" for name in labels])
     c, dt = attitude(angles[:, 0]), every / hz
     nis, count = np.zeros(trials), 0
     for k in range(1, rates.shape[1] - every + 1, every):
         m, drive, w = np.linalg.inv(np.eye(3) + s), np.zeros((trials, 3, n)), np.zeros((trials, 3))
-        kinked = np.zeros(trials)
         for j in range(k, k + every):
-            # An acceleration that begins within a step: 0.09 a Δt² of angle, rms over where.
-            bent = rates[:, j] - 2 * rates[:, j - 1] + rates[:, max(j - 2, 0)]
-            kinked += np.sum((0.09 * bent / hz) ** 2 * (bent**2 > 150 * grade.arw**2 * hz), axis=1)
             f = table.gravity * c[:, 2, :]
             wrong = bias + gm + (by_g @ f[..., None])[..., 0]
-            mean = 0.5 * (rates[:, j] + rates[:, j - 1])
+            mean = 0.5 * (rates[:, j] + rates[:, j - 1]) + between[:, j]
             w = (m @ (mean - wrong)[..., None])[..., 0]
             half = turn(-earth / (2 * hz)) @ c @ turn(w / (2 * hz))
             cm, felt = half @ m, w
@@ -106,8 +107,7 @@ def gyro(
             drive[:, :, 6:15] -= kron(cm, felt) / hz
             if n == 28:
                 drive[:, :, 19:] -= kron(cm, f) / hz
-            coning = np.cross(rates[:, j - 1], rates[:, j]) / 12
-            c = turn(-earth / hz) @ c @ turn(w / hz + coning / hz**2)
+            c = turn(-earth / hz) @ c @ turn(w / hz)
         phi, q = np.tile(np.eye(n), (trials, 1, 1)), np.zeros((n, n))
         phi[:, :3, :3] = np.eye(3) - cross(earth) * dt
         phi[:, :3, 3:] += drive[:, :, 3:]
@@ -119,7 +119,6 @@ def gyro(
             gm = kept * gm
             q[15:18, 15:18] = grade.gyro_drift**2 * (1 - kept**2) * np.eye(3)
         p = phi @ p @ phi.swapaxes(1, 2) + q
-        p[:, range(3), range(3)] += kinked[:, None]
         h = np.zeros((trials, 3, n))
         h[:, :, :3] = np.eye(3)
         z = small(attitude(angles[:, k + every - 1]) @ c.swapaxes(1, 2))

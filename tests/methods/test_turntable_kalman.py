@@ -1,9 +1,10 @@
 """Both filters on a turntable: against the note's dense ones, in pieces, and where they fail."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from math import radians
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pytest
@@ -23,16 +24,19 @@ from tests.methods.turntable_cases import (
     truth,
 )
 
+from inercal.benches import Turntable
 from inercal.errors import InputError, NotObserved
-from inercal.estimate import Gaussian, NullDirection, Smoothed
+from inercal.estimate import Course, Gaussian, NullDirection, Smoothed
 from inercal.methods.turntable import model
 from inercal.methods.turntable_kalman import METHOD
 from inercal.methods.turntable_kalman.accelerometers import Accelerometers
 from inercal.methods.turntable_kalman.gyros import Gyros
 from inercal.recording import Track
+from inercal.units import Measured
 
 SHORT = [("warm-up", (0, 0, 0), 30.0), *turntable.positions(10.0), *turntable.turns(360.0, 30.0)]
 TEN_SECONDS = [(name, angles, 10.0) for name, angles, _ in turntable.positions()]
+SENSOR = sensor()
 HELD = 3.5 * ARCSEC  # the note's error of each hold
 
 
@@ -42,9 +46,10 @@ def made() -> turntable.Draw:
 
 
 @pytest.mark.parametrize(("states", "chosen"), [(15, False), (19, True)])
-def test_gyros_filter_is_the_notes(made: turntable.Draw, states: int, chosen: bool):
-    if states == 15:  # of a table that is not late: what both would make of it is no result
-        made = turntable.draw(1, 3, SHORT, table=turntable.Table(latency=0.0))
+def test_gyros_filter_is_the_notes(states: int, chosen: bool):
+    # Of a table that is not late, as the note takes a delay in first order, and whose moves do not
+    # all begin suddenly at a sample: there a parabola is off by as much as it ever is.
+    made = turntable.draw(1, 3, SHORT, table=turntable.Table(latency=0.0, jerk=radians(300)))
     dense = dense_gyro(made, states)
     # Without an azimuth to doubt: the note has no such state.
     stated = bench(azimuth=replace(bench().azimuth, sd=0.0))
@@ -58,8 +63,8 @@ def test_gyros_filter_is_the_notes(made: turntable.Draw, states: int, chosen: bo
         state, _ = ours.step(ours.start(one), one)
         by = columns(ours.part.sensor.coefficients)
         sd = np.sqrt(np.diagonal(dense.covariance[k]))
-        assert np.max(np.abs(by @ state.theta - dense.theta[k]) / sd) < 0.1
-        assert np.sqrt(np.diagonal(by @ state.p[3:15, 3:15] @ by.T)) == pytest.approx(sd, rel=0.02)
+        assert np.max(np.abs(by @ state.theta - dense.theta[k]) / sd) < 0.03
+        assert np.sqrt(np.diagonal(by @ state.p[3:15, 3:15] @ by.T)) == pytest.approx(sd, rel=0.01)
 
 
 @pytest.mark.parametrize(("states", "held"), [(18, "exact"), (25, "lean")])
@@ -308,16 +313,157 @@ def test_gravity_that_is_not_known_well_is_in_every_scale_factor(made: turntable
     assert added == pytest.approx(np.full((3, 2, 2), (40e-6) ** 2), rel=0.05)
 
 
-def test_a_gap_takes_the_attitude_from_the_table_anew(made: turntable.Draw):
+class Judged(NamedTuple):
+    """NIS and NEES by component, and what the first trial's course says."""
+
+    nis: float
+    nees: float
+    course: Course
+
+
+def judged(
+    made: turntable.Draw, stated: Turntable, tracks: Sequence[Track], **changes: Any
+) -> Judged:
+    """Return how the gyros' filter did that trusts the readback as its noise allows."""
+    nis, nees, courses = [], [], []
+    for k, one in enumerate(tracks):
+        ours = replace(Gyros.of(SENSOR, stated, one, readback=0.5 * ARCSEC), **changes)
+        state, course = ours.step(ours.start(one), one)
+        courses.append(course)
+        names = ours.part.sensor.coefficients
+        off = state.theta + state.x[3:15] - made.gyro[k] @ columns(names)
+        nees.append(off @ np.linalg.solve(state.p[3:15, 3:15], off) / 12)
+        nis.append(state.nis / state.epochs / 3)
+    return Judged(float(np.mean(nis)), float(np.mean(nees)), courses[0])
+
+
+def trials(made: turntable.Draw) -> list[Track]:
+    whole = track(made)
+    return [whole.trial(k) for k in range(len(made.rates))]
+
+
+def band(devices: int) -> float:
+    """Return three standard deviations of NEES by coefficient."""
+    return 3 * (2 / (12 * devices)) ** 0.5
+
+
+@pytest.mark.parametrize(
+    ("rate", "acceleration", "jerk"),
+    [(100, 300, 3000), (60, 100, 500), (100, 300, None), (30, 30, None)],
+)
+def test_a_fast_table_is_followed_as_honestly_as_a_slow_one(
+    rate: float, acceleration: float, jerk: float | None
+):
+    table = turntable.Table(
+        fastest=radians(rate),
+        acceleration=radians(acceleration),
+        jerk=None if jerk is None else radians(jerk),
+    )
+    path = [*SHORT[:-4], *turntable.turns(1080.0, float(rate), back=True)]
+    made = turntable.draw(11, 8, path, table=table)
+    found = judged(made, bench(table), trials(made))
+    assert 0.93 < found.nis < 1.07
+    assert abs(found.nees - 1) < band(8)
+
+
+@pytest.mark.parametrize(
+    ("hz", "true", "stated", "sd"),
+    [(100, 20, 20, 5), (100, 150, 150, 5), (100, 200, 200, 5), (100, 700, 700, 5),
+     (100, 0, 0, 12), (100, 10, 0, 10), (100, -10, 0, 10), (100, 20, 20, 0),
+     (1000, 100, 100, 5)],
+)  # fmt: skip
+def test_a_readback_is_as_late_as_is_stated(hz: float, true: float, stated: float, sd: float):
+    table = turntable.Table(latency=true * 1e-3)
+    path = [("warm-up", (0, 0, 0), 25.0), *turntable.turns(360.0, 30.0, back=True)]
+    made = turntable.draw(12, 3, path, table=table, hz=hz)
+    told = bench(table, latency=Measured(stated * 1e-3, sd * 1e-3))
+    found = judged(made, told, trials(made))
+    # What a delay of which little is known does of second order in the first moves stays.
+    assert 0.9 < found.nis < (1.25 if sd > 5 else 1.08)
+    assert abs(found.nees - 1) < band(3)
+    if sd:
+        at = found.course.names.index("latency")
+        assert abs(found.course.value[-1, at] - true * 1e-3) < 4 * found.course.std[-1, at]
+
+
+def test_a_latency_that_is_hardly_known_is_refused(made: turntable.Draw):
+    told = bench(latency=Measured(0.0, 50e-3))
+    with pytest.raises(InputError, match=r"^\[bench\] latency: .* 400 ms; .* ± 12\.5 ms at most"):
+        Gyros.of(SENSOR, told, track(made).trial(0))
+
+
+def test_an_imu_that_waits_for_its_readback_may_come_in_pieces():
+    table = turntable.Table(latency=0.15)
+    made = turntable.draw(1, 1, SHORT, table=table)
     one = track(made).trial(0)
-    middle = int(np.flatnonzero(made.labels == "y+")[200])
-    kept = np.r_[0:middle, middle + 300 : one.time.size]
-    torn = Track(one.time[kept], one.reading[kept], one.angles[kept], one.hold[kept])
-    ours = Gyros.of(sensor(), bench(), torn)
-    state, _ = ours.step(ours.start(torn), torn)
-    by = columns(ours.part.sensor.coefficients)
-    off = (state.theta - made.gyro[0] @ by) / np.sqrt(np.diagonal(state.p[3:15, 3:15]))
-    assert np.sqrt(np.mean(off**2)) < 1.6
+    ours = Gyros.of(SENSOR, bench(table, latency=Measured(0.15, 5e-3)), one)
+    assert ours.lag == -12
+    whole, _ = ours.step(ours.start(one), one)
+    state = ours.start(one)
+    for start, stop in pairwise([0, 1, 5, 12, 13, 30, 4000, one.time.size]):
+        state, _ = ours.step(state, one.slice(start, stop))
+    assert np.array_equal(state.theta, whole.theta)
+    assert np.array_equal(state.p, whole.p)
+
+
+def test_drift_of_the_bias_is_in_what_a_late_readback_is_compared_with():
+    clean = turntable.Table(white=0.0, harmonics=(0.0, 0.0), square=0.0, lean=0.0, azimuth=0.0)
+    drifting = turntable.Device(gyro_bias=radians(0.1), scale=0.0, cross=0.0)
+    silent = turntable.grade(0, 0, 0, 0)
+    made = turntable.draw(13, 1, [("warm-up", (0, 0, 0), 25.0)], silent, clean, drifting)
+    one = track(made).trial(0)
+    ours = replace(Gyros.of(SENSOR, bench(clean), one, readback=0.5 * ARCSEC), lag=4)
+    ours = replace(ours, first=np.zeros(12))
+    state = ours.start(one)
+    state.x[15:18] = made.gyro[0, :3]  # as if it had been found
+    state.p[:, :] *= 1e-6
+    state, _ = ours.step(state, one.slice(0, 60))
+    # 40 ms of a drift of 0.1 °/s would be 14″.
+    assert np.max(np.abs(state.c - np.eye(3))) < 2 * ARCSEC
+
+
+def test_an_axis_that_does_not_turn_finds_no_scale_factor_in_its_noise():
+    path = [("warm-up", (0, 0, 0), 25.0), *turntable.turns(360.0, 30.0, back=True)[:3]]
+    made = turntable.draw(12, 3, path)
+    for k, one in enumerate(trials(made)):
+        ours = Gyros.of(SENSOR, bench(), one, readback=0.5 * ARCSEC)
+        state, _ = ours.step(ours.start(one), one)
+        names = ours.part.sensor.coefficients
+        off = (state.theta - made.gyro[k] @ columns(names))[names.index("gz.scale")]
+        # Near what was expected before the data: they say nothing of it.
+        assert abs(off) < 3 * 0.02
+        assert state.p[3 + names.index("gz.scale"), 3 + names.index("gz.scale")] > (0.9 * 0.02) ** 2
+
+
+def test_open_and_closed_loop_agree_near_the_truth():
+    wandering = turntable.grade(0.1, 20, 60, 15)
+    made = turntable.draw(14, 1, SHORT, wandering)
+    one = track(made).trial(0)
+    ours = Gyros.of(sensor(wandering), bench(), one, table=False)
+    near = replace(ours, first=made.gyro[0] @ columns(ours.part.sensor.coefficients))
+    closed, _ = near.step(near.start(one), one)
+    parted = replace(near, closed=False)
+    opened, _ = parted.step(parted.start(one), one)
+    sd = np.sqrt(np.diagonal(closed.p[3:, 3:]))
+    apart = opened.x[3:] - closed.x[3:]
+    apart[:12] += opened.theta - closed.theta
+    assert np.max(np.abs(apart) / sd) < 0.1
+    assert opened.nis == pytest.approx(closed.nis, rel=0.02)
+
+
+@pytest.mark.parametrize("seconds", [0.6, 3.0, 7.0])
+def test_a_gap_takes_the_attitude_from_the_table_anew(seconds: float):
+    made = turntable.draw(11, 8, [*SHORT[:-4], *turntable.turns(1080.0, 30.0, back=True)])
+    # Up to 7 s of it the table turns back meanwhile.
+    middle = int(np.flatnonzero(made.labels == "y+")[-1]) - 150
+    kept = np.r_[0:middle, middle + round(100 * seconds) : made.time.size]
+    torn = [
+        Track(one.time[kept], one.reading[kept], one.angles[kept], one.hold[kept])
+        for one in trials(made)
+    ]
+    found = judged(made, bench(), torn)
+    assert 0.93 < found.nis < 1.07
+    assert abs(found.nees - 1) < band(8)
 
 
 def test_what_the_filters_do_not_take_is_refused(made: turntable.Draw):

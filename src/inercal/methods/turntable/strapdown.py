@@ -18,6 +18,14 @@ Indices = NDArray[np.int64]
 # a Δt² s (1 − s)/2 at the share s of the step: 0.09 a Δt² rms over s. Second differences of five
 # standard deviations (25 × 6 variances of a sample) are taken for such.
 KINK, BENT = 0.09, 150.0
+# A rate taken as a parabola through three samples leaves a Δt² (s − s² − 1/6)/2, the half of
+# Bernoulli's second polynomial: none on average and 1/√720 rms. Third differences, whose mean
+# square over s is (a Δt)², are taken for such beyond five standard deviations (25 × 20 variances).
+SUDDEN, JUMPED = 720**-0.5, 500.0
+# Of an angle between samples a cubic leaves so much of s (1 − s) times the difference of both
+# second divided differences; rms over where the acceleration begins, computed.
+LEFT_BETWEEN = 0.36
+ALIKE = 3.0  # steps of time: a sample or two may be lost
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -169,8 +177,33 @@ def driven_by(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def delayed(times: Array, past: Array, newest: int, when: float, out: Array, rate: Array) -> None:
+def around(times: Array, newest: int, when: float) -> tuple[int, int, float]:
+    """Return the rows of a ring before and after a time, and its share of the step between.
+
+    Parameters
+    ----------
+    times : (k,) array
+        Of the last k samples.
+    newest : int
+        Row of the last one.
+    when : float
+        s; beyond what is kept the share is below 0 or above 1.
+    """
+    k = times.size
+    after, before = newest, (newest - 1) % k
+    while times[before] > when and (before - 1) % k != newest:
+        after, before = before, (before - 1) % k
+    step = times[after] - times[before]
+    return before, after, (when - times[before]) / step if step > 0 else 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def delayed(
+    times: Array, past: Array, newest: int, when: float, out: Array, rate: Array, left: Array
+) -> None:
     """Write the attitude at a time between kept ones, and the body's rate there in the level frame.
+
+    A cubic through four attitudes; of three at either end of what is kept a parabola.
 
     Parameters
     ----------
@@ -181,22 +214,47 @@ def delayed(times: Array, past: Array, newest: int, when: float, out: Array, rat
     when : float
         s; beyond what is kept, and beyond the last one, the rate goes on.
     out : (3, 3) array
-    rate : (3,) array
-        rad/s.
+    rate, left : (3,) arrays
+        rad/s; and by how much a sudden acceleration may have bent the way, rad.
     """
     k = times.size
-    after, before = newest, (newest - 1) % k
-    while times[before] > when and (before - 1) % k != newest:
-        after, before = before, (before - 1) % k
+    before, after, share = around(times, newest, when)
+    step = times[after] - times[before]
+    left[:] = 0.0
+    rate[:] = 0.0
+    out[:] = past[before]
+    if step <= 0:
+        return
     apart(past[after], past[before], rate)
-    step, ahead = times[after] - times[before], when - times[before]
-    turn = np.empty(3)
+    turn, bent, other = np.empty(3), np.zeros(3), np.empty(3)
+    way = share * (share - 1) * step * step
+    if 0 < share < 1:
+        row, next_row = (before - 1) % k, (after + 1) % k
+        h0, h2 = times[before] - times[row], times[next_row] - times[after]
+        early = before != newest and row != newest and alike(h0, step)
+        late = after != newest and alike(h2, step)
+        if early:
+            apart(past[before], past[row], other)
+            for i in range(3):
+                bent[i] = (rate[i] / step - other[i] / h0) / (step + h0)
+        if late:
+            apart(past[next_row], past[after], other)
+            for i in range(3):
+                f = (other[i] / h2 - rate[i] / step) / (step + h2)
+                if early:
+                    left[i] = LEFT_BETWEEN * way * (f - bent[i])
+                    f = ((2 - share) * bent[i] + (1 + share) * f) / 3
+                bent[i] = f
     for i in range(3):
-        rate[i] = rate[i] / step if step > 0 else 0.0
-        turn[i] = rate[i] * ahead
-        for j in range(3):
-            out[i, j] = past[before, i, j]
+        turn[i] = rate[i] * share + bent[i] * way
+        rate[i] = rate[i] / step + bent[i] * (2 * share - 1) * step
     turn_level(out, turn)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def alike(step: float, other: float) -> bool:
+    """Return whether steps of time are of about one size: what bends is told by such alone."""
+    return 0 < step <= ALIKE * other and other <= ALIKE * step
 
 
 @njit(cache=True, nogil=True)

@@ -3,6 +3,10 @@
 States: φ (3), coefficients, drift of the biases (3), and what the table's attitude may be off by
 (latency, clock, right angles, harmonics of the readback). The attitude is integrated from the rates
 as corrected so far and compared ten times a second; what is found is fed back.
+
+A readback may be ahead of the IMU or behind it: the one that comes first waits for the other, so
+that each is compared with an attitude between samples, at most 8 standard deviations of the latency
+old.
 """
 
 from collections.abc import Sequence
@@ -15,6 +19,7 @@ from numpy.typing import NDArray
 
 from inercal.benches.turntable import Turntable
 from inercal.benches.turntable_attitude import misalignment, reference
+from inercal.errors import InputError
 from inercal.estimate import Course, Gaussian
 from inercal.methods.turntable import model, strapdown
 from inercal.methods.turntable.model import Triad, beside
@@ -29,7 +34,10 @@ from inercal.sensors import Sensor
 Array = NDArray[np.float64]
 _ARCSEC = radians(1 / 3600)
 _SURELY = 4.0  # standard deviations
-_KEPT = 64  # samples; a readback may be that late
+_SPAN = (
+    0.1  # s; where less is known of a delay it does not act in first order as the table speeds up
+)
+_SPARE = 8  # samples of the ring beyond those: two at either end for a cubic, and uneven steps
 _DRIVEN = ("latency", "clock", "azimuth")
 _ALIGNED = 60 * _ARCSEC  # sd of φ where the attitude is taken from the table
 
@@ -51,7 +59,9 @@ class Gyros:
     readback : float
         Standard deviation of the attitude by readback, rad.
     lag : int
-        Samples by which readback waits for the IMU: it may be ahead of it.
+        Samples by which readback waits for the IMU; negative, the IMU waits for it.
+    kept : int
+        Samples whose attitudes are kept.
     closed : bool
         Whether what is found is fed back to the integration.
     turning : bool
@@ -65,6 +75,7 @@ class Gyros:
     table: tuple[Parameter, ...]
     readback: float
     lag: int = 0
+    kept: int = 16
     closed: bool = True
     turning: bool = True
 
@@ -99,7 +110,8 @@ class Gyros:
         Raises
         ------
         InputError
-            A sensor that a filter does not take, or no rest to begin with.
+            A sensor that a filter does not take, no rest to begin with, or a latency that is not
+            known well enough.
         """
         part = model.triad(sensor, "w", drifting=drifting)
         first, prior = model.begin(part, priors, model.coarse(bench, track, part))
@@ -110,9 +122,8 @@ class Gyros:
             # A lean turns all attitudes alike: φ at the start holds it.
             known = ("lean_x", "lean_y", *_DRIVEN)
             wanted += [q for q in seen if q.sd > 0 and q.name not in known]
-        ahead = _SURELY * bench.latency.sd - bench.latency.value if drifting else 0.0
-        lag = min(max(ceil(ahead / np.median(np.diff(track.time))), 0), _KEPT // 2)
-        return cls(part, bench, prior, first, tuple(wanted), readback, lag)
+        lag, kept = _waiting(bench, track, bench.latency.sd if drifting else 0.0)
+        return cls(part, bench, prior, first, tuple(wanted), readback, lag, kept)
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -138,20 +149,22 @@ class Gyros:
         x = np.zeros(n)
         x[6 + p :] = [one.value for one in self.table]
         time, mat = float(track.time[0]), reference(self.bench, track.angles[:1])[0]
+        reading, waits = track.reading[0, self.part.channels], np.zeros((0, 5))
         return State(
             c=mat,
             theta=self.first.copy(),
             x=x,
             p=covariance,
             made=np.zeros((BASIS, 3, 3)),
-            time=np.full(3, time),
-            rates=np.tile(track.reading[0, self.part.channels], (2, 1)),
+            time=np.array([time, time, time, 0.0, time]),
+            rates=np.array([reading, reading, np.zeros(3)]),
             bent=np.zeros(1),
             lost=np.array([False]),
-            times=np.full(_KEPT, time),
-            past=np.tile(mat, (_KEPT, 1, 1)),
+            times=np.full(self.kept, time),
+            past=np.tile(mat, (self.kept, 1, 1)),
+            sums=np.zeros((self.kept, BASIS, 3, 3)),
             newest=np.array([0]),
-            tail=np.tile([time, *track.angles[0]], (self.lag, 1)),
+            tail=waits if self.lag < 0 else np.tile([time, *track.angles[0]], (self.lag, 1)),
         )
 
     def step(self, state: State, track: Track, smooth: Sequence[str] = ()) -> tuple[State, Course]:
@@ -166,40 +179,87 @@ class Gyros:
             States whose course is smoothed by all of the track, as `varying`.
         """
         after = deepcopy(state)
-        epochs = strapdown.due(track.time, model.PERIOD * (1 - 1e-6), after.time[1])
+        samples, stamps, angles, tail = self._paired(state.tail, track)
+        after = after._replace(tail=tail)
+        epochs = strapdown.due(samples.time, model.PERIOD * (1 - 1e-6), after.time[1])
         if not self.turning:
-            epochs = epochs[track.hold[epochs] >= 0]
-        stamps, angles = track.time, track.angles
-        if self.lag:
-            stamps = np.concatenate([after.tail[:, 0], stamps])
-            angles = np.concatenate([after.tail[:, 1:], angles])
+            epochs = epochs[samples.hold[epochs] >= 0]
         angles = angles[epochs]
         history = np.zeros((epochs.size, 4 + 2 * state.x.size))
+        late = self._late()
         steps = room(self.states, smooth, epochs.size, 3, 3)
         nis = _gyros.gyros(
-            Samples(
-                track.time, np.ascontiguousarray(track.reading[:, self.part.channels]), track.hold
-            ),
+            samples,
             Readback(
                 epochs,
-                track.time[epochs] - stamps[epochs],
+                samples.time[epochs] - stamps[epochs],
                 reference(self.bench, angles),
                 beside(self.bench, self.table, angles, skipped=_DRIVEN),
             ),
             known(self.part, self.bench),
-            Settings(self.readback**2, _ALIGNED**2, model.GAP, self._late(), self.closed),
+            Settings(
+                self.readback**2,
+                _ALIGNED**2,
+                model.GAP,
+                late,
+                0.0 if late[0] >= 0 else self.bench.latency.value,
+                self.closed,
+            ),
             after,
             steps,
             history,
         )
-        if self.lag:
-            kept = np.column_stack([track.time, track.angles])[-self.lag :]
-            after = after._replace(tail=np.concatenate([after.tail, kept])[-self.lag :])
         taken = int((history[:, 3] > 0).sum())
         after = after._replace(nis=state.nis + nis, epochs=state.epochs + taken)
-        return after, course("gyros", self.states, smooth, track.time[epochs], history, steps)
+        return after, course("gyros", self.states, smooth, samples.time[epochs], history, steps)
+
+    def _paired(self, tail: Array, track: Track) -> tuple[Samples, Array, Array, Array]:
+        """Return samples, of each the readback's stamp and angles, and what waits for later ones.
+
+        `tail` is what has waited.
+        """
+        rates, lag = track.reading[:, self.part.channels], self.lag
+        if lag < 0:
+            hold = track.hold.astype(np.float64)
+            held = np.concatenate([tail, np.column_stack([track.time, rates, hold])])
+            taken = max(len(held) + lag, 0)
+            ready = held[:taken]
+            samples = Samples(
+                ready[:, 0].copy(), ready[:, 1:4].copy(), ready[:, 4].astype(np.int64)
+            )
+            first = track.time.size - taken
+            return samples, track.time[first:], track.angles[first:], held[taken:]
+        read = np.concatenate([tail, np.column_stack([track.time, track.angles])])
+        ready = read[: track.time.size]
+        samples = Samples(track.time, np.ascontiguousarray(rates), track.hold)
+        return samples, ready[:, 0], ready[:, 1:], read[track.time.size :]
 
     def _late(self) -> NDArray[np.int64]:
         """Return where latency, clock and azimuth stand among the states."""
         names, first = [q.name for q in self.table], 6 + len(self.first)
         return np.array([first + names.index(n) if n in names else -1 for n in _DRIVEN])
+
+
+def _waiting(bench: Turntable, track: Track, sd: float) -> tuple[int, int]:
+    """Return by how many samples readback waits for the IMU, and how many attitudes are kept.
+
+    Parameters
+    ----------
+    bench : Turntable
+    track : Track
+    sd : float
+        Of the latency, s.
+    """
+    late, step = bench.latency.value, float(np.median(np.diff(track.time)))
+    lasting = float(track.time[-1] - track.time[0])
+    ahead = _SURELY * sd - late
+    # A sample beyond the delay's own time serves to tell how the way bends there.
+    lag = ceil(ahead / step - 1e-9) + 1 if sd > 0 or late != 0 else 0
+    span = 2 * _SURELY * sd
+    if span > _SPAN:
+        raise InputError(
+            f"[bench] latency: known to ± {1e3 * sd:.3g} ms the readback may be of any time within "
+            f"{1e3 * span:.3g} ms; the gyros' filter takes ± {1e3 * _SPAN / 2 / _SURELY:.3g} ms at "
+            "most: find the latency first, by a turn back and forth, and state it"
+        )
+    return lag, ceil((span + _SURELY * bench.clock * lasting) / step) + _SPARE
