@@ -78,6 +78,18 @@ def test_calibrate_writes_no_report_where_none_is_wanted(
     assert names(tmp_path) == {"run.toml", "log.csv", "run.calibration.json"}
 
 
+def test_a_page_that_cannot_be_drawn_leaves_the_calibration(
+    run: Path, tmp_path: Path, said: Callable[..., str], monkeypatch: pytest.MonkeyPatch
+):
+    def fails(*_: object) -> None:
+        raise ValueError("no page")
+
+    monkeypatch.setattr("inercal.report.write_report", fails)
+    with pytest.raises(ValueError, match="no page"):
+        said("calibrate", run, "--out", tmp_path)
+    assert names(tmp_path) == {"run.toml", "log.csv", "run.calibration.json"}
+
+
 def test_calibrate_prints_one_json_object_with_the_documented_fields(
     run: Path, tmp_path: Path, said: Callable[..., str]
 ):

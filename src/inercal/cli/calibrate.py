@@ -33,15 +33,17 @@ def run(
         if not with_report:
             del names["report"]
         files = {kind: out / f"{run_file.stem}.{name}" for kind, name in names.items()}
-        with written_together(list(files.values())) as parts:
-            part = dict(zip(files, parts, strict=True))
-            if with_report:
-                from inercal.report import write_report
-
-                write_report(outcome, part["report"], plan.truth or None)
+        results = [kind for kind in files if kind != "report"]
+        with written_together([files[kind] for kind in results]) as parts:
+            part = dict(zip(results, parts, strict=True))
             save(outcome.calibration, part["calibration_file"])
             if "states" in part:
                 write_states(plan, outcome, part["states"])
+        # Whatever a page may lack, the result stands before it is drawn.
+        if with_report:
+            from inercal.report import write_report
+
+            write_report(outcome, files["report"], plan.truth or None)
     if json:
         as_json(as_object(outcome.calibration) | {kind: str(path) for kind, path in files.items()})
         return

@@ -21,7 +21,8 @@ from inercal.report.drawing import AXES, BAND, FAINT, INK, MINUS, PAPER, PLUS, S
 
 Array = NDArray[np.float64]
 KINDS = {"f": ("Accelerometers", "µg", 9.80665e-6), "w": ("Gyros", "°/h", np.pi / 648_000)}
-_BAND = 2.0  # standard deviations
+BEYOND = 2.0
+"""Standard deviations that are shaded."""
 _NAMED = re.compile(r"([^\[\]]+)\[([^\[\]]+)\]")  # of an observation: the axis, the row
 _GROUP_UNITS = {
     "m/s²": ("mm/s²", 1e-3),
@@ -48,10 +49,10 @@ def residuals(outcome: Outcome) -> Markup:
         members = [k for k, own in enumerate(seen.kinds) if own == kind]
         names = [seen.parts[k] for k in members]
         title, unit, si = KINDS[kind]
-        _dots(upper, seen.whitened[:, members], names, band=True)
-        _dots(lower, seen.plain[:, members] / si, names, band=False)
+        dots(upper, seen.whitened[:, members], names, band=True)
+        dots(lower, seen.plain[:, members] / si, names, band=False)
         drawing.name_positions(upper, seen.rows, named=False)
-        drawing.name_positions(lower, seen.rows, worst=_beyond(seen.whitened[:, members]))
+        drawing.name_positions(lower, seen.rows, worst=beyond(seen.whitened[:, members]))
         upper.set_title(title)
         upper.set_ylabel("standard deviations")
         lower.set_ylabel(unit)
@@ -101,10 +102,10 @@ def _residuals_by_group(outcome: Outcome) -> Markup:
         if group.unit == "rad" and np.abs(group.residual).max(initial=0.0) < si:
             unit, si = _FINE
         parts = _COMPONENTS[group.residual.shape[1]]
-        _dots(left, group.residual / group.sd, parts, band=True)
-        _dots(right, group.residual / si, parts, band=False)
+        dots(left, group.residual / group.sd, parts, band=True)
+        dots(right, group.residual / si, parts, band=False)
         for axes, words in ((left, "standard deviations"), (right, unit)):
-            worst = _beyond(group.residual / group.sd)
+            worst = beyond(group.residual / group.sd)
             drawing.name_positions(axes, group.labels, named=has, worst=worst)
             axes.set_ylabel(words)
         left.set_title(group.name)
@@ -139,19 +140,20 @@ def departures(pulls: Mapping[str, Sequence[tuple[str, float]]]) -> Markup:
         colour = {"1": X, "2": Y}.get(name[-1], Z)
         axes.plot(place[:, k], table[:, k], shape, ms=4.5, mfc=colour, mec=PAPER, mew=0.4,
                   ls="none", label=name)  # fmt: skip
-    drawing.name_positions(axes, list(pulls), worst=_beyond(table))
+    drawing.name_positions(axes, list(pulls), worst=beyond(table))
     axes.set_ylabel("standard deviations")
     drawing.key(axes)
     return svg(figure, "departures", "What the fit found about the bench, against what was stated")
 
 
-def _beyond(values: Array) -> list[int]:
+def beyond(values: Array) -> list[int]:
     """Return the rows of (rows, parts) that lie beyond the band, the farthest first."""
     size = np.nanmax(np.abs(values), axis=1, initial=0.0)
-    return [k for k in np.argsort(-size, kind="stable").tolist() if size[k] > _BAND]
+    return [k for k in np.argsort(-size, kind="stable").tolist() if size[k] > BEYOND]
 
 
-def _dots(axes: Axes, values: Array, names: Sequence[str], *, band: bool) -> None:
+def dots(axes: Axes, values: Array, names: Sequence[str], *, band: bool) -> None:
+    """Draw (rows, parts) by row, a colour and a shape for each part; with or without the band."""
     if band:
         _band(axes, values)
     else:
@@ -165,8 +167,8 @@ def _dots(axes: Axes, values: Array, names: Sequence[str], *, band: bool) -> Non
 
 def _band(axes: Axes, values: Array) -> None:
     """Draw the ±2 band and leave room for it and for the values."""
-    reach = 1.25 * max(_BAND * 1.25, float(np.nanmax(np.abs(values), initial=0.0)))
-    axes.axhspan(-_BAND, _BAND, color=BAND, lw=0, zorder=0)
+    reach = 1.25 * max(BEYOND * 1.25, float(np.nanmax(np.abs(values), initial=0.0)))
+    axes.axhspan(-BEYOND, BEYOND, color=BAND, lw=0, zorder=0)
     axes.axhline(0, color=FAINT, lw=0.8, zorder=0)
     axes.set_ylim(-reach, reach)
 

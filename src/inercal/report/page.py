@@ -23,6 +23,7 @@ from inercal.report.history import history
 from inercal.report.speeds import speeds
 from inercal.report.sphere import Attitude, attitudes, missing_faces, sphere
 from inercal.report.traces import scatters, traces
+from inercal.report.whole import by_step, by_steps, is_whole
 from inercal.sensors import G0
 
 
@@ -75,7 +76,8 @@ def page(outcome: Outcome, truth: Mapping[str, float] | None) -> str:
         calibration_file=f"{Path(calibration.provenance.get('run file', 'run')).stem}"
         ".calibration.json",
         run_file=calibration.provenance.get("run file", "run.toml"),
-        residuals=residuals(outcome) if estimate.whitened.size or estimate.groups else None,
+        residuals=_residuals(outcome),
+        whole=is_whole(outcome),
         indexed=isinstance(bench, DividingHead),
         head=on_head.head(outcome, bench) if isinstance(bench, DividingHead) else None,
         search=None if outcome.search is None else history(outcome.search),
@@ -103,6 +105,14 @@ def page(outcome: Outcome, truth: Mapping[str, float] | None) -> str:
         departures=departures(pulls) if pulls else None,
         condition=f"{estimate.singular_values[0] / estimate.singular_values[-1]:.3g}",
     )
+
+
+def _residuals(outcome: Outcome) -> Markup | None:
+    """Return the figure of residuals; None where there are none."""
+    if is_whole(outcome):
+        return by_steps(by_step(outcome))
+    estimate = outcome.estimate
+    return residuals(outcome) if estimate.whitened.size or estimate.groups else None
 
 
 @dataclass(frozen=True)
