@@ -27,7 +27,7 @@ def plan_turntable(
 
     if out is not None:
         raise InputError("--out: a path is printed; a turntable leaves a recording, no table")
-    with working("running the filters over the path"):
+    with working("following the path"):
         sheet = worksheet(read(run_file, keys))
     if json:
         as_json(_as_object(sheet))

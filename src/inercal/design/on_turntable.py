@@ -1,11 +1,11 @@
 """The path of a turntable before it is run: its steps, how long it takes, what it will give.
 
-The covariance of a Kalman filter does not depend on the noise that is drawn, and hardly on the
-sensor: both filters run over the path as an ideal sensor would record it on an ideal table, with
-noise and table as stated.
+The covariance of an estimate does not depend on the noise that is drawn, and hardly on the sensor:
+the method's own estimator goes over the path as an ideal sensor would record it on an ideal table,
+with noise and table as stated.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,11 +14,12 @@ from inercal.benches import Turntable
 from inercal.benches.turntable_attitude import motion
 from inercal.benches.turntable_run import Travel, travel
 from inercal.design.known import Known
-from inercal.errors import InputError
+from inercal.errors import InputError, NotObserved
 from inercal.methods.turntable import model
+from inercal.methods.turntable_kalman import METHOD as KALMAN
 from inercal.methods.turntable_kalman import follow
 from inercal.plan import Position, Rotation, TableStep
-from inercal.recording import Track
+from inercal.recording import Observations, Track
 from inercal.runfile import Run
 
 _RATE = 100.0  # Hz
@@ -79,6 +80,8 @@ def worksheet(run: Run) -> PathSheet:
     InputError
         A run on another bench, no noise, a path that the table cannot follow, or no rest of 20 s
         at its start.
+    NotObserved
+        Directions that the path leaves open; of the filters they are told in the sheet.
     """
     bench = run.bench
     if not isinstance(bench, Turntable):
@@ -86,7 +89,13 @@ def worksheet(run: Run) -> PathSheet:
     steps = [step for step in run.steps if isinstance(step, Position | Rotation)]
     try:
         way = travel(bench, steps)
-        known, undecided = _known(run, bench, ideal(run, bench, way, steps))
+        track = ideal(run, bench, way, steps)
+        if run.method is KALMAN:
+            known, undecided = _filtered(run, bench, track)
+        else:
+            known, undecided = _estimated(run, bench, track, _sections(way, steps), way), ()
+    except NotObserved as error:
+        raise NotObserved(f"{run.path}: {error}", error.directions) from None
     except InputError as error:
         raise InputError(f"{run.path}: {error}") from None
     return PathSheet(run, _rows(way, steps), known, undecided)
@@ -133,7 +142,9 @@ def _rows(way: Travel, steps: Sequence[TableStep]) -> tuple[Step, ...]:
     return tuple(rows)
 
 
-def _known(run: Run, bench: Turntable, track: Track) -> tuple[tuple[Known, ...], tuple[str, ...]]:
+def _filtered(
+    run: Run, bench: Turntable, track: Track
+) -> tuple[tuple[Known, ...], tuple[str, ...]]:
     """Return how well each coefficient will be known, and the directions that are left open."""
     way = follow.WAYS[run.estimator]
     found: dict[str, float] = {}
@@ -145,6 +156,37 @@ def _known(run: Run, bench: Turntable, track: Track) -> tuple[tuple[Known, ...],
         covariance = filtered.covariance[:p, :p]
         found |= dict(zip(names, np.sqrt(np.diagonal(covariance)).tolist(), strict=True))
         undecided += [free.words for free in model.undecided(filtered.part, covariance)]
+    return _known(run, found), tuple(undecided)
+
+
+def _estimated(
+    run: Run, bench: Turntable, track: Track, sections: Sequence[TableStep | None], way: Travel
+) -> tuple[Known, ...]:
+    """Return how well each coefficient will be known by an estimator of the whole path at once."""
+    spans = [
+        (step, float(start), float(stop))
+        for step, start, stop in zip(sections, np.append(0.0, way.ends), way.ends, strict=False)
+        if step is not None
+    ]
+    start, stop = (np.array([span[k] for span in spans]) for k in (1, 2))
+    white = np.array([axis.noise.white for axis in run.sensor.axes])
+    at = [np.flatnonzero((track.time >= a) & (track.time <= b)) for _, a, b in spans]
+    observations = Observations(
+        labels=tuple(step.label for step, _, _ in spans),
+        mean=np.array([track.reading[some].mean(axis=0) for some in at]),
+        covariance=np.diag(white**2) / (stop - start)[:, None, None],
+        duration=stop - start,
+        samples=np.array([some.size for some in at]),
+        time=0.5 * (start + stop),
+        channels=run.sensor.channels,
+        track=track,
+    )
+    steps = [step for step, _, _ in spans]
+    estimate = run.solver()(observations, run.sensor, bench, steps, run.priors)
+    std = np.sqrt(np.diagonal(estimate.covariance)[: len(run.sensor.coefficients)])
+    return _known(run, dict(zip(run.sensor.coefficients, std.tolist(), strict=True)))
+
+
+def _known(run: Run, found: Mapping[str, float]) -> tuple[Known, ...]:
     lines = [(name, run.sensor.coefficient(name)) for name in run.sensor.coefficients]
-    known = (Known(name, line.meaning, line.unit, line.si, found[name]) for name, line in lines)
-    return tuple(known), tuple(undecided)
+    return tuple(Known(name, line.meaning, line.unit, line.si, found[name]) for name, line in lines)
