@@ -25,6 +25,8 @@ from inercal.units import Measured, factor, parse
 _QUANTITY = {"accelerometer": "m/s²", "gyro": "rad/s"}
 _EXAMPLE = {"accelerometer": "2048 {}/g", "gyro": "16.4 {}/(°/s)"}
 _LARGEST_TILT = 0.0175  # rad
+_WIDEST_AZIMUTH = 0.0873  # rad
+_LONGEST_LEVER = 1.0  # m
 _LARGEST_DRIFT = 0.1  # m/s²
 _FEWEST_FACES = 3  # of a polygon
 _COUNTS = ("LSB", "V")  # an output that is no acceleration or rate: it needs a scale
@@ -161,6 +163,17 @@ def _turntable(section: TurntableSection) -> Turntable:
     if section.latitude is None:
         raise InputError("[bench] latitude is missing: gyros on a turntable feel the earth's rate")
     x, y, z = (measured(arm, "m", "[bench] lever") for arm in section.lever)
+    if not all(abs(arm.value) + 2 * arm.sd <= _LONGEST_LEVER for arm in (x, y, z)):
+        raise InputError(
+            f"[bench] lever: {', '.join(section.lever)}: an IMU on a table is no more than 1 m "
+            "from where the axes cross"
+        )
+    azimuth = measured(section.azimuth, "°", "[bench] azimuth")
+    if azimuth.sd > _WIDEST_AZIMUTH:
+        raise InputError(
+            f"[bench] azimuth: {section.azimuth!r}: its deviation is more than 5°, beyond which "
+            "what it does is not linear; state it nearer"
+        )
     key = "[bench] harmonics"
     harmonics = tuple(si_value(text, "°", key) for text in section.harmonics)
     if not all(0 <= sd <= _LARGEST_TILT for sd in harmonics):
@@ -168,7 +181,7 @@ def _turntable(section: TurntableSection) -> Turntable:
     return Turntable(
         gravity=_gravity(section),
         latitude=si_value(section.latitude, "°", "[bench] latitude"),
-        azimuth=measured(section.azimuth, "°", "[bench] azimuth"),
+        azimuth=azimuth,
         axes=section.axes,
         lean=_small(section, "lean"),
         square=_small(section, "square"),

@@ -19,6 +19,7 @@ from inercal.pipeline.inputs import (
 )
 from inercal.pipeline.turntable.checks import Columns, require_sound
 from inercal.pipeline.turntable.clock import NotAlike
+from inercal.pipeline.turntable.earth import require_earth
 from inercal.pipeline.turntable.labels import labelled
 from inercal.pipeline.turntable.readback import Read, told, with_angles
 from inercal.pipeline.turntable.slips import slipped
@@ -80,7 +81,8 @@ def gather(run: Run, bench: Turntable) -> Gathered:
 
 def _checked(run: Run, track: Track, bench: Turntable) -> tuple[Finding, ...]:
     """Return what checks of the track notice, before filters follow it."""
-    named = {axis: str(column) for axis, column, _ in columns(run).channels}
+    stated = columns(run)
+    named = {axis: column for axis, column, _ in (*stated.channels, *stated.second)}
     kinds = {
         kind: tuple(named[axis.name] for axis in run.sensor.axes if axis.measures == kind)
         for kind in ("f", "w")
@@ -89,6 +91,7 @@ def _checked(run: Run, track: Track, bench: Turntable) -> tuple[Finding, ...]:
     where = str(run.path)
     return (
         *require_sound(where, track, run.sensor, bench, told),
+        *require_earth(where, track, run.sensor, bench),
         *slipped(track, run.sensor, bench),
     )
 

@@ -1,0 +1,93 @@
+"""What a user of a turntable may get wrong is named where it was made."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from tests.test_turntable_runs import Change, refused, run_of
+
+from inercal.errors import InputError
+from inercal.io.write import write_recording
+from inercal.pipeline import Outcome, calibrate, named_as_in, simulate
+from inercal.recording import Recording
+from inercal.runfile import Run
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+    """Return the example's recording."""
+    run = run_of(tmp_path_factory.mktemp("plain"))
+    return named_as_in(run, simulate(run, 0))
+
+
+def unlike(
+    folder: Path,
+    made: Recording,
+    *changes: Change,
+    change: Callable[[Recording], Recording] = lambda one: one,
+) -> Run:
+    """Return the example's run file, changed, beside its recording, changed."""
+    run = run_of(folder, *changes)
+    write_recording(change(made), run.file(run.data.file))
+    return run
+
+
+def warned(outcome: Outcome, words: str) -> str:
+    """Return the only warning that has these words."""
+    (found,) = [f for f in outcome.findings if f.severity == "warning" and words in f.message]
+    assert found.message in outcome.verdict
+    return found.message
+
+
+def test_gyros_may_stand_in_a_file_of_their_own(tmp_path: Path, made: Recording):
+    run = unlike(tmp_path, made, ('label = "step"', 'label = "step"\ngyro_file = "gyro.npz"'))
+    (tmp_path / "gyro.npz").write_bytes((tmp_path / "mimu.npz").read_bytes())
+    assert calibrate(run).estimate.consistent
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (
+            'azimuth = "0 ° ± 0.1 °"',
+            'azimuth = "90 ° ± 0.1 °"',
+            "azimuth −?[0-9]° .* stated are 90° and 38°",
+        ),
+        (
+            'latitude = "38 °"',
+            'latitude = "-38 °"',
+            "azimuth .* latitude 3[0-9]°, and stated are 0° and −38°",
+        ),
+    ],
+)
+def test_the_earths_rate_tells_a_wrong_azimuth_and_hemisphere(
+    tmp_path: Path, made: Recording, old: str, new: str, words: str
+):
+    run = unlike(tmp_path, made, (old, new))
+    refused(run, f"see the earth turn by .* it would be so at {words}; look at .bench. azimuth and")
+
+
+def test_an_outer_readback_that_is_zero_elsewhere_is_an_azimuth(tmp_path: Path, made: Recording):
+    def turned(one: Recording) -> Recording:
+        return replace(one, readback={**one.readback, "outer": one.readback["outer"] + 90.0})
+
+    refused(unlike(tmp_path, made, change=turned), "the zero of the outer axis' readback")
+
+
+def test_a_gravity_that_is_not_the_latitudes_is_told(tmp_path: Path, made: Recording):
+    run = unlike(tmp_path, made, ("9.80123 m/s²", "9.50123 m/s²"))
+    said = warned(calibrate(run), "gravity")
+    assert said.startswith("gravity 9.50123 m/s² against 9.8 m/s² of the latitude")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('"0 ° ± 0.1 °"', '"0 ° ± 10 °"', r"azimuth: '0 ° ± 10 °': its deviation is more than 5°"),
+        ('noise = "0.5 ″"', 'lever = ["80 m", "0 m", "0 m"]', "lever: 80 m, .* no more than 1 m"),
+    ],
+)
+def test_bounds_of_the_bench(tmp_path: Path, old: str, new: str, words: str):
+    with pytest.raises(InputError, match=words):
+        run_of(tmp_path, (old, new))
