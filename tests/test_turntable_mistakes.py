@@ -1,15 +1,18 @@
 """What a user of a turntable may get wrong is named where it was made."""
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from tests.test_turntable_runs import Change, refused, run_of
 
 from inercal.errors import InputError
 from inercal.io.write import write_recording
 from inercal.pipeline import Outcome, calibrate, named_as_in, simulate
+from inercal.pipeline.judgement import judge
 from inercal.recording import Recording
 from inercal.runfile import Run
 
@@ -91,3 +94,27 @@ def test_a_gravity_that_is_not_the_latitudes_is_told(tmp_path: Path, made: Recor
 def test_bounds_of_the_bench(tmp_path: Path, old: str, new: str, words: str):
     with pytest.raises(InputError, match=words):
         run_of(tmp_path, (old, new))
+
+
+def test_a_latency_far_from_what_is_stated_is_told(tmp_path: Path, made: Recording):
+    def late(one: Recording) -> Recording:
+        said = {n: np.interp(one.time - 0.03, one.time, a) for n, a in one.readback.items()}
+        return replace(one, readback=said)
+
+    said = warned(calibrate(unlike(tmp_path, made, change=late)), "delay of the readback")
+    assert re.search(r"found 3[0-3]\.\d+ ± 0\.\d+ ms, stated 0\.0 ± 5\.0 ms, 6\.\d sta", said)
+    assert said.endswith("look at [bench] latency")
+
+
+def test_a_lean_far_from_what_is_stated_is_told(tmp_path: Path, made: Recording):
+    run = run_of(tmp_path, ('lean = "5 ″"', 'lean = "30 ″"'))
+    leant = named_as_in(run, simulate(run, 4))
+    outcome = calibrate(unlike(tmp_path, leant))
+    assert any("lean of the base" in f.message for f in outcome.findings)
+    assert not any(f.what == "bench" for f in calibrate(unlike(tmp_path, made)).findings)
+
+
+def test_innovations_twice_as_large_as_stated_are_not_relied_on(tmp_path: Path, made: Recording):
+    changes = ('"0.1 °/√h"', '"0.003 °/√h"'), ('"60 µg/√Hz"', '"2 µg/√Hz"')
+    outcome = calibrate(unlike(tmp_path, made, *changes))
+    assert judge(outcome).tone == "bad"

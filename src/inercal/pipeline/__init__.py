@@ -144,6 +144,8 @@ def calibrate(
         )
     p = len(sensor.coefficients)
     expected = stated(bench, gathered.steps, sensor)
+    if isinstance(bench, Turntable):
+        findings += turntable.far_from_stated(estimate, expected)
     lines = verdict(estimate, sensor, findings, run.estimator, expected, _sought(bench))
     calibration = Calibration(
         sensor,

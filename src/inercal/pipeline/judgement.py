@@ -22,8 +22,8 @@ def judge(outcome: "Outcome") -> Judgement:
     """Return the verdict with its colour.
 
     "bad": the fit did not converge, the audit refused something, a scale is far from nominal, or
-    the Birge ratio doubled uncertainties. "care": a warning, residuals larger than stated, or
-    no residuals to judge by. Else "good".
+    the Birge ratio, of filters that of their innovations, doubled uncertainties. "care": a warning,
+    residuals larger than stated, or no residuals to judge by. Else "good".
     """
     estimate = outcome.estimate
     severities = {finding.severity for finding in outcome.findings}
@@ -33,7 +33,10 @@ def judge(outcome: "Outcome") -> Judgement:
         if name.partition(".")[2] in ("k1", "scale")
     ]
     far = any(not 0.5 < scale < 2 for scale in scales)
-    if not estimate.converged or "refused" in severities or far or estimate.birge > _DOUBTFUL:
+    # Filters have a group each: χ² is the sum of its NIS.
+    lost = any(group.chi2 > _DOUBTFUL**2 * group.dof > 0 for group in estimate.groups)
+    doubtful = estimate.birge > _DOUBTFUL or (bool(estimate.courses) and lost)
+    if not estimate.converged or "refused" in severities or far or doubtful:
         return Judgement("bad", "Not to be relied on as it is", outcome.verdict)
     if not estimate.dof:
         return Judgement("care", "Usable, but untested", outcome.verdict)

@@ -1,0 +1,48 @@
+"""What a fit found of a turntable far from what the run file states of it."""
+
+from collections.abc import Mapping
+from math import sqrt
+
+from inercal.estimate import Estimate
+from inercal.parameters import Parameter
+from inercal.recording import Finding
+from inercal.units import readable
+
+_FAR = 3.3  # standard deviations: of twenty parameters that are as stated one in fifty runs has it
+_SETTLED = 0.8  # of the stated deviation: less than a third of the variance is from the data
+_KEYS = {
+    "lean_x": "lean", "lean_y": "lean", "square_1": "square", "square_2": "square",
+    "azimuth": "azimuth", "latency": "latency", "clock": "clock", "g": "gravity",
+}  # fmt: skip
+_UNITS = {"s": "ms", "1": "ppm", "m": "mm", "m/s²": "m/s²"}
+
+
+def far_from_stated(estimate: Estimate, expected: Mapping[str, Parameter]) -> tuple[Finding, ...]:
+    """Return a warning for each parameter of the table that is far from what was stated.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Without a trial axis.
+    expected : mapping of str to Parameter
+        The table's parameters by name, as they were stated.
+    """
+    found: list[Finding] = []
+    for name, value, sd in zip(
+        estimate.names, estimate.value.tolist(), estimate.std.tolist(), strict=True
+    ):
+        stated = expected.get(name)
+        if stated is None or not stated.sd > 0 or sd > _SETTLED * stated.sd:
+            continue
+        # What the data moved it by, against by how much they may: the prior's share is theirs not.
+        pull = abs(value - stated.value) / sqrt(stated.sd**2 - sd**2)
+        if pull > _FAR:
+            unit = _UNITS.get(stated.unit) or ("″" if abs(value) + stated.sd < 1e-3 else "°")
+            key = _KEYS.get(name) or ("lever" if name.startswith("lever") else "harmonics")
+            text = (
+                f"{stated.meaning}: found {readable(value, sd, unit)}, stated "
+                f"{readable(stated.value, stated.sd, unit)}, {pull:.1f} standard deviations away: "
+                f"look at [bench] {key}"
+            )
+            found.append(Finding("warning", "bench", text.replace("-", "−")))
+    return tuple(found)
