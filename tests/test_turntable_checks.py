@@ -203,5 +203,5 @@ def test_messages_name_the_users_columns():
     track = drawn("paper", SEEDS[0])
     columns = Columns(("A1", "A2", "A3"), ("G1", "G2", "G3"), ("Z", "X", "Y"))
     turned = Signed((0, 1, 2), (1, 1, -1))
-    with pytest.raises(InputError, match=r"table = Z, X, −Y"):
+    with pytest.raises(InputError, match=r'table = \["Z", "X", "-Y"\]'):
         require_sound("run", replace(track, angles=turned.of(track.angles)), SENSOR, BENCH, columns)

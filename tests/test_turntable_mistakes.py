@@ -118,3 +118,43 @@ def test_innovations_twice_as_large_as_stated_are_not_relied_on(tmp_path: Path, 
     changes = ('"0.1 °/√h"', '"0.003 °/√h"'), ('"60 µg/√Hz"', '"2 µg/√Hz"')
     outcome = calibrate(unlike(tmp_path, made, *changes))
     assert judge(outcome).tone == "bad"
+
+
+def reversed_(one: Recording, *names: str) -> Recording:
+    sign = np.array([-1.0 if name in names else 1.0 for name in one.channels])
+    said = {n: -a if n in names else a for n, a in one.readback.items()}
+    return replace(one, data=one.data * sign, readback=said)
+
+
+@pytest.mark.parametrize(
+    ("names", "key", "stated"),
+    [
+        (("outer",), "table", '["outer", "middle", "inner"]'),
+        (("gx", "gz"), "gyro", '["gx", "gy", "gz"]'),
+        (("ax", "ay", "az"), "accelerometer", '["ax", "ay", "az"]'),
+    ],
+)
+def test_advice_on_columns_can_be_followed_to_the_letter(
+    tmp_path: Path, made: Recording, names: tuple[str, ...], key: str, stated: str
+):
+    run = unlike(tmp_path, made, change=lambda one: reversed_(one, *names))
+    with pytest.raises(InputError, match="they fit with") as caught:
+        calibrate(run)
+    advice = re.search(rf"\[data\] {key} = (\[[^]]*\])", str(caught.value))
+    assert advice is not None
+    mended = run_of(tmp_path, (f"{key} = {stated}", f"{key} = {advice[1]}"))
+    plain = calibrate(unlike(tmp_path / "..", made)).calibration.values
+    found = calibrate(replace(mended, path=run.path)).calibration.values
+    np.testing.assert_allclose(found, plain, rtol=1e-6, atol=1e-9)
+
+
+def test_a_simulation_writes_reversed_columns_as_the_run_file_reads_them(tmp_path: Path):
+    changes = ('["outer", ', '["-outer", '), ('["gx", ', '["-gx", ')
+    run = run_of(tmp_path, *changes)
+    write_recording(named_as_in(run, simulate(run, 0)), run.file(run.data.file))
+    assert calibrate(run).estimate.consistent
+
+
+def test_another_order_of_axes_is_named_as_such(tmp_path: Path, made: Recording):
+    run = unlike(tmp_path, made, ("[bench]", '[bench]\naxes = "zyx"'))
+    refused(run, r'they fit with \[bench\] axes = "zxy"')

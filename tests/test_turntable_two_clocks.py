@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.accuracy import turntable as tt
-from tests.methods.turntable_drawn import truth as drawn_truth
+from tests.methods.turntable_cases import truth as drawn_truth
 from tests.runfile.texts import changed
 
 from inercal.cli.app import app, main
@@ -258,9 +258,12 @@ def test_a_readback_that_does_not_go_with_the_readings_is_refused(
         (lambda table: replace(table, data=np.radians(table.data)), "table: it is in rad, taken"),
         (
             lambda table: replace(table, data=table.data[:, [1, 0, 2]]),
-            r"they fit with \[data\] table = middle, outer, inner",
+            r"they fit with \[data\] table = .\"middle\", \"outer\", \"inner\"",
         ),
-        (lambda table: replace(table, data=-table.data), "they fit with .data. table = −outer, −m"),
+        (
+            lambda table: replace(table, data=-table.data),
+            "they fit with .data. table = ..-outer., .-m",
+        ),
     ],
     ids=["still", "rad", "exchanged", "reversed"],
 )

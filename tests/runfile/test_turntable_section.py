@@ -9,7 +9,7 @@ from tests.runfile.texts import FERRARIS
 
 from inercal.benches import Turntable
 from inercal.errors import InputError
-from inercal.runfile import read
+from inercal.runfile import read, schema
 from inercal.runfile.build import build_bench
 from inercal.runfile.schema import TurntableSection
 from inercal.units import Measured
@@ -92,3 +92,10 @@ def test_a_method_of_another_bench_says_so(tmp_path: Path):
     )
     with pytest.raises(InputError, match="method ferraris takes 'hand', not 'turntable'"):
         read(path)
+
+
+def test_a_reversed_column_goes_with_a_recording():
+    data = {"file": "means.csv", "kind": "means", "accelerometer": ("-ax", "ay", "az")}
+    with pytest.raises(ValueError, match='"-ax" reverses a column of a recording'):
+        schema.DataSection.model_validate(data)
+    assert schema.DataSection.model_validate(data | {"kind": "recording"}).accelerometer[0] == "-ax"

@@ -1,7 +1,7 @@
 """What a run file says of its data, in the words of `inercal.io`: columns, limits, deviations."""
 
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from inercal.benches import Bench, Hand, Turntable
@@ -66,9 +66,41 @@ def load_recording(run: Run) -> Recording:
     recording = read_recording(
         run.file(run.data.file), columns(run), limits(run.sensor), gyro_file(run)
     )
+    recording = turned_round(run, recording)
     if not isinstance(run.bench, Hand):
         return recording  # what is steady there is a dwell on the arm, not a rest
     return accept(audit_rest_norm(recording, run.sensor, run.bench.gravity.value))
+
+
+def unsigned(column: str | int) -> str:
+    """Return a column's name or number without the sign that reverses it."""
+    return str(column).removeprefix("-")
+
+
+def reversed_axes(run: Run) -> frozenset[str]:
+    """Return the sensor's axes whose columns are stated with a leading "-"."""
+    given = {"f": run.data.accelerometer, "w": run.data.gyro}
+    return frozenset(
+        axis.name
+        for kind, columns in given.items()
+        for axis, column in zip(
+            (axis for axis in run.sensor.axes if axis.measures == kind), columns, strict=False
+        )
+        if str(column).startswith("-")
+    )
+
+
+def turned_round(run: Run, recording: Recording) -> Recording:
+    """Return the recording with the axes reversed, about their zeros, that the run file says."""
+    back = reversed_axes(run)
+    if not back:
+        return recording
+    data = recording.data.copy()
+    for axis in run.sensor.axes:
+        if axis.name in back:
+            k = recording.channels.index(axis.name)
+            data[..., k] = 2 * axis.readout.offset - data[..., k]
+    return replace(recording, data=data)
 
 
 def gyro_file(run: Run) -> Path | None:
@@ -94,7 +126,7 @@ def columns(run: Run) -> Columns:
     for kind, given in names.items():
         axes = [axis for axis in run.sensor.axes if axis.measures == kind]
         channels[kind] = tuple(
-            (axis.name, str(column), axis.readout.unit)
+            (axis.name, unsigned(column), axis.readout.unit)
             for axis, column in zip(axes, given, strict=False)
         )
     apart = gyro_file(run) is not None
@@ -139,12 +171,12 @@ def readback_columns(run: Run) -> dict[str, str]:
         found |= dict(zip(("psi", "theta"), map(str, data.attitude), strict=True))
     if isinstance(run.bench, Turntable):
         names = run.bench.names
-        found |= dict(zip(names, map(str, data.table or names), strict=True))
+        found |= dict(zip(names, map(unsigned, data.table or names), strict=True))
     return found
 
 
 def readback_units(run: Run) -> dict[str, float]:
-    """Return the SI size of one unit of each of these columns.
+    """Return the SI size of one unit of each of these columns, negative of one that is reversed.
 
     Raises
     ------
@@ -171,6 +203,9 @@ def readback_units(run: Run) -> dict[str, float]:
     ):
         one = si_value(f"1 {getattr(run.data, key)}", "°", f"{run.path}: [data] {key}")
         sizes |= dict.fromkeys(names, one)
+    if isinstance(run.bench, Turntable) and run.data.table is not None:
+        for name, column in zip(run.bench.names, run.data.table, strict=True):
+            sizes[name] *= -1 if str(column).startswith("-") else 1
     return sizes
 
 
@@ -184,9 +219,9 @@ def require_own_columns(run: Run) -> None:
     """
     kinds = {axis.measures for axis in run.sensor.axes}
     data, beside = run.data, list(readback_columns(run).values())
-    used = [str(column) for column in data.accelerometer]
+    used = [unsigned(column) for column in data.accelerometer]
     if "w" in kinds and data.gyro_file is None:
-        used += [str(column) for column in data.gyro]
+        used += [unsigned(column) for column in data.gyro]
     own = data.table_file is not None
     files = (used, [str(data.table_time), *beside]) if own else (used + beside,)
     twice = [column for one in files for column, count in Counter(one).items() if count > 1]

@@ -20,7 +20,7 @@ from inercal.benches.turntable_run import (
 from inercal.errors import InputError
 from inercal.motion import Motion
 from inercal.pipeline.by_hand import nominal
-from inercal.pipeline.inputs import columns, limits, readback_columns, readback_units
+from inercal.pipeline.inputs import columns, limits, readback_columns, readback_units, turned_round
 from inercal.plan import Index, Position, Rotation, Spin, TableStep
 from inercal.recording import Recording
 from inercal.runfile import Run, read
@@ -175,6 +175,7 @@ def named_as_in(run: Run, recording: Recording) -> Recording:
     if run.data.gyro_file is not None:
         raise InputError(f"{run.path}: [data] gyro_file: a simulation is one file; leave it out")
     named = {axis: column for axis, column, _ in columns(run).channels}
+    recording = turned_round(run, recording)
     readback = {
         column: recording.readback[name] / readback_units(run)[name]
         for name, column, _ in columns(run).readback

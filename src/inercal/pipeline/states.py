@@ -15,7 +15,7 @@ import numpy as np
 from inercal.benches import RateTable
 from inercal.errors import InputError
 from inercal.io.means import SD, write_means
-from inercal.pipeline.inputs import readback_columns, readback_units
+from inercal.pipeline.inputs import readback_columns, readback_units, unsigned
 from inercal.plan import Spin
 from inercal.runfile import Run
 
@@ -83,7 +83,7 @@ def states(run: Run, outcome: "Outcome") -> dict[str, Cells]:
     data, size = run.data, readback_units(run)["arm_rate"]
     turns = [round(abs(w) * t / (2 * pi)) for w, t in zip(rates, seen.duration, strict=True)]
     mounting = [str(recording.labels[mark.start]).strip() for mark in outcome.marks]
-    axes = [str(column) for column in data.accelerometer]
+    axes = [unsigned(column) for column in data.accelerometer]
     found: dict[str, Cells] = {
         str(data.mounting): [mounting[k] for k in order],
         readback_columns(run)["arm_rate"]: _rounded([rates[k] / size for k in order]),

@@ -225,6 +225,12 @@ class DataSection(_Section):
     def _means_are_one_table(self) -> "DataSection":
         if self.kind == "means" and self.gyro_file is not None:
             raise ValueError("gyro_file goes with a recording; means of all axes are one table")
+        signed = [c for c in (*self.accelerometer, *self.gyro) if str(c).startswith("-")]
+        if self.kind == "means" and signed:
+            raise ValueError(
+                f'"{signed[0]}" reverses a column of a recording; in a table of means write the '
+                "readings with their signs"
+            )
         return self
 
 

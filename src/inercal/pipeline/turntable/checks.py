@@ -14,7 +14,16 @@ from numpy.typing import NDArray
 from inercal.benches.turntable import Turntable
 from inercal.benches.turntable_attitude import motion, reference
 from inercal.errors import InputError
-from inercal.pipeline.turntable.fits import SOUND, Blocks, Fit, Signed, blocks_of, fits, moments
+from inercal.pipeline.turntable.fits import (
+    SOUND,
+    Blocks,
+    Fit,
+    Signed,
+    blocks_of,
+    fits,
+    moments,
+    otherwise,
+)
 from inercal.recording import GAP, Finding, Track
 from inercal.sensors import Sensor
 
@@ -187,9 +196,10 @@ def _require_axes(
     off = {kind: m for kind, m in by.items() if m.cost(straight) > SOUND}
     if not off:
         return
-    found = fits(bench, sensor, made)
+    found = [(fit.cost, _told(fit, columns)) for fit in fits(bench, sensor, made)[:2]]
+    found += [(cost, f'[bench] axes = "{axes}"') for cost, axes in otherwise(bench, sensor, made)]
     if found:
-        ways = "; or they fit with ".join(_told(fit, columns) for fit in found[:2])
+        ways = "; or they fit with ".join(told for _, told in sorted(found)[:2])
         raise InputError(f"{where}: readings and readback do not agree; they fit with {ways}")
     kinds = {"f": ("accelerometer", columns.accelerometer), "w": ("gyro", columns.gyro)}
     told: list[str] = []

@@ -10,7 +10,9 @@ with S the readings' sum of squares about their mean. Scale factors of 5 % and m
 come to about 5; any bias is free. An axis reversed or exchanged costs more than a hundred.
 """
 
+from dataclasses import replace
 from itertools import permutations, product
+from json import dumps
 from typing import NamedTuple
 
 import numpy as np
@@ -46,9 +48,12 @@ class Signed(NamedTuple):
         return columns[..., list(self.order)] * np.array(self.signs, dtype=float)
 
     def named(self, names: tuple[str, ...]) -> str:
-        """Return the columns' names in this order with their signs."""
-        each = zip(self.order, self.signs, strict=True)
-        return ", ".join(("−" if sign < 0 else "") + names[k] for k, sign in each)
+        """Return the columns' names in this order with their signs, as a run file has them."""
+        each = (
+            names[k] if sign > 0 else names[k][1:] if names[k].startswith("-") else f"-{names[k]}"
+            for k, sign in zip(self.order, self.signs, strict=True)
+        )
+        return dumps(list(each), ensure_ascii=False)
 
 
 def signed(k: int) -> tuple[Signed, ...]:
@@ -176,6 +181,26 @@ def fits(bench: Turntable, sensor: Sensor, made: Blocks) -> tuple[Fit, ...]:
             return tuple(sorted(sound))
     every = min(_each(table, of) for table, of in by.items())
     return (every,) if every.cost <= SOUND else ()
+
+
+def otherwise(bench: Turntable, sensor: Sensor, made: Blocks) -> tuple[tuple[float, str], ...]:
+    """Return the orders of axes, with their costs, by which all fits as its columns stand.
+
+    Parameters
+    ----------
+    bench : Turntable
+    sensor : Sensor
+    made : Blocks
+        Some.
+    """
+    straight, k = Signed((0, 1, 2), (1, 1, 1)), len(bench.axes)
+    table = Signed(tuple(range(k)), (1,) * k)
+    found: list[tuple[float, str]] = []
+    for axes in map("".join, permutations("xyz", k)):
+        if axes != bench.axes:
+            by = moments(replace(bench, axes=axes), sensor, made, table)
+            found.append((max(m.cost(straight) for m in by.values()), axes))
+    return tuple(sorted(one for one in found if one[0] <= SOUND))
 
 
 def _simple(by: dict[Signed, dict[str, Moments]]) -> list[Fit]:

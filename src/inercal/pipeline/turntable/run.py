@@ -12,7 +12,6 @@ from inercal.benches import Turntable
 from inercal.errors import InputError
 from inercal.pipeline.inputs import (
     Gathered,
-    columns,
     load_recording,
     readback_columns,
     require_own_columns,
@@ -81,13 +80,12 @@ def gather(run: Run, bench: Turntable) -> Gathered:
 
 def _checked(run: Run, track: Track, bench: Turntable) -> tuple[Finding, ...]:
     """Return what checks of the track notice, before filters follow it."""
-    stated = columns(run)
-    named = {axis: column for axis, column, _ in (*stated.channels, *stated.second)}
-    kinds = {
-        kind: tuple(named[axis.name] for axis in run.sensor.axes if axis.measures == kind)
-        for kind in ("f", "w")
-    }
-    told = Columns(kinds["f"], kinds["w"], tuple(readback_columns(run).values()))
+    kinds = {axis.measures for axis in run.sensor.axes}
+    told = Columns(
+        tuple(map(str, run.data.accelerometer)) if "f" in kinds else (),
+        tuple(map(str, run.data.gyro)) if "w" in kinds else (),
+        tuple(map(str, run.data.table or bench.names)),
+    )
     where = str(run.path)
     return (
         *require_sound(where, track, run.sensor, bench, told),
