@@ -158,3 +158,114 @@ def test_a_simulation_writes_reversed_columns_as_the_run_file_reads_them(tmp_pat
 def test_another_order_of_axes_is_named_as_such(tmp_path: Path, made: Recording):
     run = unlike(tmp_path, made, ("[bench]", '[bench]\naxes = "zyx"'))
     refused(run, r'they fit with \[bench\] axes = "zxy"')
+
+
+def at_row(name: str, value: float) -> Callable[[Recording], Recording]:
+    """Return a change of one reading, in line 5002 of a text."""
+
+    def change(one: Recording) -> Recording:
+        if name in one.readback:
+            said = one.readback[name].copy()
+            said[5000] = value
+            return replace(one, readback={**one.readback, name: said})
+        data = one.data.copy()
+        data[5000, one.channels.index(name)] = value
+        return replace(one, data=data)
+
+    return change
+
+
+def with_readback(one: Recording, of: Callable[[str, np.ndarray], np.ndarray]) -> Recording:
+    return replace(one, readback={name: of(name, a) for name, a in one.readback.items()})
+
+
+def dead(one: Recording) -> Recording:
+    return with_readback(one, lambda name, a: 0 * a if name == "inner" else a)
+
+
+def stuck(one: Recording) -> Recording:
+    return with_readback(one, lambda _, a: np.where(one.time < 130, a, a[13_000]))
+
+
+def clipped(one: Recording) -> Recording:
+    data = one.data.copy()
+    data[:, 3:] = np.clip(data[:, 3:], -25, 25)
+    return replace(one, data=data)
+
+
+def torn(one: Recording) -> Recording:
+    return one.take((one.time < 10) | (one.time > 15))
+
+
+def faster(one: Recording) -> Recording:
+    return replace(one, time=one.time / 2)
+
+
+def in_ms(one: Recording) -> Recording:
+    return replace(one, time=one.time * 1e3)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (at_row("outer", 9999.0), r"sample 5000 \(50 s\): outer reads back 9999° between .* row"),
+        (dead, r"the gyros turn, first at \d+ s: inner never moves$"),
+        (stuck, r"the gyros turn, first at 13\d s: outer stands from \d+ s on"),
+        (clipped, r"gx holds 25 .* while the table turns: it is at the end of its range"),
+        (torn, r"no sample for 5\.\d+ s after 9\.99 s, in the first rest"),
+        (
+            faster,
+            r"time or rate: by them it lasts 11[78]\.?\d* s, with 0\.005 s from sample to sample",
+        ),
+        (in_ms, r"time_unit and rate: by them it lasts 236000 s, with 10 s from sample to sample"),
+    ],
+    ids=["spike", "dead", "stuck", "clipped", "torn", "faster", "in ms"],
+)
+def test_samples_that_spoil_a_recording_are_named_as_what_they_are(
+    tmp_path: Path, made: Recording, change: Callable[[Recording], Recording], words: str
+):
+    refused(unlike(tmp_path, made, change=change), words)
+
+
+def test_a_reading_far_from_those_beside_it_is_told(tmp_path: Path, made: Recording):
+    outcome = calibrate(unlike(tmp_path, made, change=at_row("ax", 8.0)))
+    assert warned(outcome, "ax reads 8 g in sample 5000 (50 s)").endswith("take the row out")
+
+
+def test_a_readback_that_repeats_its_values_is_told_once(tmp_path: Path, made: Recording):
+    def held(one: Recording) -> Recording:
+        return with_readback(one, lambda _, a: np.repeat(a[::10], 10)[: a.size])
+
+    outcome = calibrate(unlike(tmp_path, made, change=held))
+    assert "one of 10 Hz beside readings of 100 Hz" in warned(outcome, "repeats its values")
+    assert not any(f.what == "slip" for f in outcome.findings)
+
+
+def test_a_readback_that_is_rounded_or_zero_elsewhere_has_lost_nothing(
+    tmp_path: Path, made: Recording
+):
+    def coarse(one: Recording) -> Recording:
+        return with_readback(one, lambda _, a: np.round(a, 2))
+
+    def offset(one: Recording) -> Recording:
+        return with_readback(one, lambda name, a: a + 10.0 * (name == "middle"))
+
+    for change in (coarse, offset):
+        outcome = calibrate(unlike(tmp_path, made, change=change))
+        assert not any(f.what == "slip" for f in outcome.findings)
+
+
+def test_a_declared_latency_is_taken_from_the_readback_before_it_is_looked_at(
+    tmp_path: Path, made: Recording
+):
+    def late(one: Recording) -> Recording:
+        return with_readback(one, lambda _, a: np.interp(one.time - 0.7, one.time, a))
+
+    change = ('"0 ms ± 5 ms"', '"700 ms ± 5 ms"')
+    outcome = calibrate(unlike(tmp_path, made, change, change=late))
+    assert not any(f.what in ("slip", "gap", "turns") for f in outcome.findings)
+
+
+def test_a_latency_that_may_be_anything_is_refused(tmp_path: Path, made: Recording):
+    run = unlike(tmp_path, made, ('"0 ms ± 5 ms"', '"0 ms ± 100 ms"'))
+    refused(run, r"latency: its deviation, 100 ms, is more than 50 ms")

@@ -150,13 +150,23 @@ def _require_sizes(
 
     said = f"{where}: the gyros read {times:.4g} times the rate that the readback implies"
     gyros, readback = _unit(times, "°/s", "rad/s"), _unit(1 / times, "°", "rad")
-    of_gyros = f"[data] gyro: {gyros or 'look at the unit and the scale in [sensor.gyro]'}"
+    paces = (
+        "look at the unit and the scale in [sensor.gyro], and at [data] time or rate: "
+        f"{paced(made.time, made.step)}"
+    )
+    of_gyros = f"[data] gyro: {gyros or paces}"
     of_table = f"[data] table: {readback or 'look at its unit'}"
     if falls(1.0):
         raise InputError(f"{said}, and gravity agrees with the readback: {of_gyros}")
     if falls(times):
         raise InputError(f"{said}, and gravity agrees with the gyros: {of_table}")
     raise InputError(f"{said}: either {of_gyros}; or {of_table}")
+
+
+def paced(time: Array, step: float | None = None) -> str:
+    """Say how long a recording lasts and how its samples follow one another by their times."""
+    lasting, step = time[-1] - time[0], step or float(np.median(np.diff(time)))
+    return f"by them it lasts {lasting:.6g} s, with {step:.3g} s from sample to sample"
 
 
 def _straight(bench: Turntable) -> tuple[tuple[int, ...], tuple[int, ...]]:

@@ -68,6 +68,7 @@ class Blocks(NamedTuple):
     angles: Array  # (b, k)
     rates: Array  # (b, k)
     readings: dict[str, Array]  # (b, m) by "f" and "w"
+    step: float  # s between samples
 
     @property
     def still(self) -> NDArray[np.bool_]:
@@ -81,7 +82,7 @@ class Blocks(NamedTuple):
         """Return as many blocks as tell enough, all over the run."""
         at = slice(None, None, -(-self.time.size // _MOST))
         readings = {kind: y[at] for kind, y in self.readings.items()}
-        return Blocks(self.time[at], self.angles[at], self.rates[at], readings)
+        return Blocks(self.time[at], self.angles[at], self.rates[at], readings, self.step)
 
 
 def blocks_of(track: Track, sensor: Sensor) -> Blocks:
@@ -98,7 +99,7 @@ def blocks_of(track: Track, sensor: Sensor) -> Blocks:
         kind: mean[whole][:, [axis.measures == kind for axis in sensor.axes]] for kind in "fw"
     }
     middle = (track.angles[first] + track.angles[last]) / 2
-    return Blocks(track.time[first][whole], middle[whole], turned[whole], readings)
+    return Blocks(track.time[first][whole], middle[whole], turned[whole], readings, step)
 
 
 class Moments(NamedTuple):

@@ -3,24 +3,33 @@
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
-from math import degrees, pi
+from math import degrees, pi, radians
 
 import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches import Turntable
 from inercal.errors import InputError
+from inercal.methods.turntable.model import COARSE, GAP
+from inercal.methods.turntable_kalman import METHOD as KALMAN
 from inercal.pipeline.inputs import (
     Gathered,
     load_recording,
     readback_columns,
     require_own_columns,
 )
-from inercal.pipeline.turntable.checks import Columns, require_sound
+from inercal.pipeline.turntable.checks import Columns, paced, require_sound
 from inercal.pipeline.turntable.clock import NotAlike
 from inercal.pipeline.turntable.earth import require_earth
 from inercal.pipeline.turntable.labels import labelled
 from inercal.pipeline.turntable.readback import Read, told, with_angles
+from inercal.pipeline.turntable.samples import (
+    repeated,
+    require_range,
+    require_readback,
+    require_turning,
+    spikes,
+)
 from inercal.pipeline.turntable.slips import slipped
 from inercal.plan import Position, Rotation, TableStep
 from inercal.recording import Finding, Mark, Recording, Track
@@ -31,6 +40,9 @@ from inercal.units import readable
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 _SETTLING = 0.25  # s beside what the readback may be late by
+_WIDEST = 0.05  # s
+_NOT_LATE = 1e-3  # s
+_MOVED = radians(0.1)
 _EXACT = 4  # decimals of degrees in which positions are told
 
 
@@ -44,6 +56,7 @@ def gather(run: Run, bench: Turntable) -> Gathered:
     """
     _require_track(run)
     require_own_columns(run)
+    _require_near(run, bench)
     recording = load_recording(run)
     try:
         read = with_angles(run, recording, bench)
@@ -53,15 +66,24 @@ def gather(run: Run, bench: Turntable) -> Gathered:
         raise  # what the checks know better they have said
     recording, bench = read.recording, read.bench
     angles = np.stack([recording.readback[name] for name in bench.names], axis=-1)
+    named = tuple(readback_columns(run).values())
+    if read.clock is None:
+        require_readback(str(run.path), recording, angles, named)
     holds = find_holds(recording.time, angles, recording.labels, _settling(bench))
     if not len(holds):
-        named = ", ".join(readback_columns(run).values())
         raise InputError(
             f"{recording.source}: by its readback the table rests nowhere for a second: look at "
-            f"[data] table, which is {named}"
+            f"[data] table, which is {', '.join(named)}, and at time_unit and rate: "
+            f"{paced(recording.time)}"
         )
+    _require_whole_rest(run, recording.time, angles, holds)
     track = _track(run, recording, angles, holds)
-    findings = (*recording.findings, *_checked(run, track, bench))
+    require_range(str(run.path), recording, track, run.sensor)
+    findings = (
+        *recording.findings,
+        *spikes(recording, run.sensor),
+        *_checked(run, track, bench),
+    )
     turns = find_turns(recording.time, angles, recording.labels)
     marks, steps = _steps(run, recording, angles, holds, turns)
     observations = observe(recording, run.sensor, marks, steps, found=True)
@@ -87,11 +109,36 @@ def _checked(run: Run, track: Track, bench: Turntable) -> tuple[Finding, ...]:
         tuple(map(str, run.data.table or bench.names)),
     )
     where = str(run.path)
+    late = bench.latency.value
+    if abs(late) > _NOT_LATE:
+        # What the readback says now was so that long ago.
+        time = track.time
+        angles = [np.interp(time + late, time, axis) for axis in track.angles.T]
+        track = replace(track, angles=np.stack(angles, axis=-1))
+    require_turning(where, track, run.sensor, told.readback)
+    again = repeated(track)
     return (
         *require_sound(where, track, run.sensor, bench, told),
         *require_earth(where, track, run.sensor, bench),
-        *slipped(track, run.sensor, bench),
+        *(slipped(track, run.sensor, bench) if again is None else (again,)),
     )
+
+
+def _require_whole_rest(run: Run, time: Array, angles: Array, holds: Indices) -> None:
+    """Refuse a first rest that a gap cuts short: filters begin with a rest without one."""
+    if run.method.name != KALMAN.name or len(holds) < 2:
+        return
+    (_, stop), (after, _) = holds[:2].tolist()
+    lasting = float(time[stop - 1] - time[0])
+    gap = np.diff(time[stop - 1 : after + 1])
+    moved = np.abs(angles[after] - angles[stop - 1]).max()
+    if lasting < COARSE and moved < _MOVED and gap.max(initial=0.0) > GAP:
+        at = stop - 1 + int(np.argmax(gap))
+        raise InputError(
+            f"{run.path}: no sample for {gap.max():.3g} s after {time[at]:.6g} s, in the first "
+            f"rest: the filters begin with {COARSE:.3g} s of rest without a gap; leave out what is "
+            "before it if enough is left, or record again"
+        )
 
 
 def _require_track(run: Run) -> None:
@@ -105,6 +152,16 @@ def _require_track(run: Run) -> None:
         raise InputError(
             f"{run.path}: [data] {key}: holds of a turntable are found by its readback; leave it "
             "out"
+        )
+
+
+def _require_near(run: Run, bench: Turntable) -> None:
+    """Refuse a latency that the readback may have within more than is linear."""
+    if run.data.table_file is None and bench.latency.sd > _WIDEST:
+        raise InputError(
+            f"{run.path}: [bench] latency: its deviation, {1e3 * bench.latency.sd:.3g} ms, is more "
+            f"than {1e3 * _WIDEST:.3g} ms, beyond which what it does is not linear; state it "
+            "nearer, or give the readback its own times, [data] table_file"
         )
 
 

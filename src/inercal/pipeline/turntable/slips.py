@@ -28,6 +28,9 @@ _CLEAR = 6.0  # standard deviations of a step between local offsets
 _NORMAL = 1.4826  # standard deviations of a normal distribution in its median absolute one
 _SEEN = 3.0  # the same, beside a clear one
 _HALF = 0.5  # of a sample
+_DUST, _COARSEST = 1e-9, np.radians(0.2)  # rad, of steps that are rounding
+_SHAPED = 0.01  # of the rate: more beyond it is of the table's zeros, not of time
+_MOVING = np.radians(5)  # rad/s, of turns
 _TURNING = np.radians(0.05)  # rad/s
 
 
@@ -63,7 +66,8 @@ def slipped(track: Track, sensor: Sensor, bench: Turntable) -> tuple[Finding, ..
             text = f"{some} of the sensor unnoticed between {start:.6g} s and {stop:.6g} s: from "
             late = slip.samples * float(np.median(np.diff(track.time))) * 1e3
             text += f"then on the readback is later by {late:.3g} ms"
-        text += "; take times from a packet counter"
+        text += '; take times from a packet counter: [data] time, time_unit = "sample", rate and '
+        text += "counter_modulus"
         found.append(Finding("warning", "slip", text, None, slip.first, slip.last + 1))
     return tuple(found)
 
@@ -78,6 +82,11 @@ def slips(track: Track, sensor: Sensor, bench: Turntable) -> tuple[Slip, ...]:
     known = rough(read.rate, table.rate)
     fastest = float(np.percentile(np.linalg.norm(table.change, axis=-1), 99.9))
     rows = _rows(track.time, reading, track.angles, bench, known, fastest)
+    turning = np.linalg.norm(table.rate, axis=-1) > _MOVING
+    left = np.linalg.norm(known.left(read.rate, table.rate)[turning], axis=-1)
+    speed = np.linalg.norm(table.rate[turning], axis=-1)
+    if turning.any() and np.median(left / speed) > _SHAPED:
+        return rows  # the two do not turn alike: offsets in time tell nothing
     local = offsets(table, read, known)
     h = half_window(track.time)
     # A row lost within a change of rate moves that one's offset alone.
@@ -116,8 +125,16 @@ def _rows(
     alone = np.maximum(more - np.maximum(before, after), 0)
     alone -= np.maximum(np.minimum(before, after) - more, 0)
     noise = _NORMAL * float(np.median(np.abs(more[moving] - before[moving]))) if moving.any() else 0
-    least = np.maximum(_ALONE * noise + fastest * usual**2, size * usual / 2)
-    at = np.flatnonzero((np.abs(alone) > least) & moving)
+    # One step of a readback that is rounded, up and down.
+    stepped = np.abs(np.diff(angles, axis=0))
+    quantum = 2 * float(stepped[stepped > _DUST].min(initial=np.inf))
+    quantum = quantum if quantum < _COARSEST else 0.0
+    least = np.maximum(_ALONE * noise + fastest * usual**2, size * usual / 2) + quantum
+    # Where the table begins or ends to turn, a readback that is late looks like samples lost.
+    speed = np.linalg.norm(v, axis=-1)
+    steady = np.minimum(np.roll(speed, 2), np.roll(speed, -2)) > size / 2
+    steady &= np.maximum(np.roll(speed, 2), np.roll(speed, -2)) < 2 * size
+    at = np.flatnonzero((np.abs(alone) > least) & moving & steady)
     share = (more - (before + after) / 2)[at] / (size * usual)[at]
     return [Slip(int(k), int(k) + 1, float(n), True) for k, n in zip(at, share, strict=True)]
 
