@@ -269,3 +269,40 @@ def test_a_declared_latency_is_taken_from_the_readback_before_it_is_looked_at(
 def test_a_latency_that_may_be_anything_is_refused(tmp_path: Path, made: Recording):
     run = unlike(tmp_path, made, ('"0 ms ± 5 ms"', '"0 ms ± 100 ms"'))
     refused(run, r"latency: its deviation, 100 ms, is more than 50 ms")
+
+
+def cut(one: Recording) -> Recording:
+    return one.take(one.time < 150)
+
+
+def relabelled(old: str, new: str) -> Callable[[Recording], Recording]:
+    def change(one: Recording) -> Recording:
+        assert one.labels is not None
+        return replace(one, labels=np.where(one.labels == old, new, one.labels))
+
+    return change
+
+
+@pytest.mark.parametrize("changes", [(), (('label = "step"\n', ""),)], ids=["labels", "none"])
+def test_a_recording_that_was_cut_lacks_steps_of_its_path(
+    tmp_path: Path, made: Recording, changes: tuple[Change, ...]
+):
+    said = warned(calibrate(unlike(tmp_path, made, *changes, change=cut)), "missing")
+    assert re.search(r"of the path, (x\+, )?x-, y\+, y-, z\+, z-(, rest| and 1 more)", said)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("y up", "z down", "z down: axes at .* by its plan axes at 0°, 180°, 0°"),
+        ("y up", "", "1 step without a label: hold"),
+        ("y up", "yup", "1 step of no step of the path: yup"),
+    ],
+)
+def test_labels_that_are_not_the_plans_are_told(
+    tmp_path: Path, made: Recording, old: str, new: str, words: str
+):
+    outcome = calibrate(unlike(tmp_path, made, change=relabelled(old, new)))
+    told = [f.message for f in outcome.findings if f.what == "label"]
+    assert any(re.search(words, text) for text in told)
+    assert not any(f.what in ("label", "path") for f in calibrate(unlike(tmp_path, made)).findings)

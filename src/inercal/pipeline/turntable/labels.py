@@ -44,28 +44,29 @@ def labelled(
 def _planned(steps: Sequence[TableStep], run: Run) -> list[str] | None:
     """Return the plan's names, if it is what was done."""
     try:
-        plan = _merged([step for step in run.steps if isinstance(step, Position | Rotation)])
+        plan = merged([step for step in run.steps if isinstance(step, Position | Rotation)])
     except InputError:
         return None  # a recording is calibrated without a plan
     if len(plan) != len(steps):
         return None
-    fits = all(_alike(done, asked) for done, asked in zip(steps, plan, strict=True))
+    fits = all(alike(done, asked) for done, asked in zip(steps, plan, strict=True))
     return [step.label for step in plan] if fits else None
 
 
-def _merged(plan: Sequence[TableStep]) -> list[TableStep]:
+def merged(plan: Sequence[TableStep]) -> list[TableStep]:
     """Return the plan with neighbouring positions at the same angles as one."""
     found: list[TableStep] = []
     for step in plan:
         before = found[-1] if found else None
-        if isinstance(step, Position) and isinstance(before, Position) and _alike(before, step):
+        if isinstance(step, Position) and isinstance(before, Position) and alike(before, step):
             found[-1] = replace(before, label=f"{before.label}, {step.label}")
         else:
             found.append(step)
     return found
 
 
-def _alike(done: TableStep, asked: TableStep) -> bool:
+def alike(done: TableStep, asked: TableStep) -> bool:
+    """Return whether a step that was found is the one that was asked for."""
     if isinstance(done, Position) and isinstance(asked, Position):
         pairs = zip(done.angles, asked.angles, strict=True)
         return all(abs(pi - (pi - (a - b)) % (2 * pi)) < _NEAR for a, b in pairs)

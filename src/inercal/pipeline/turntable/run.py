@@ -18,6 +18,7 @@ from inercal.pipeline.inputs import (
     readback_columns,
     require_own_columns,
 )
+from inercal.pipeline.turntable.against_plan import against_plan
 from inercal.pipeline.turntable.checks import Columns, paced, require_sound
 from inercal.pipeline.turntable.clock import NotAlike
 from inercal.pipeline.turntable.earth import require_earth
@@ -85,7 +86,8 @@ def gather(run: Run, bench: Turntable) -> Gathered:
         *_checked(run, track, bench),
     )
     turns = find_turns(recording.time, angles, recording.labels)
-    marks, steps = _steps(run, recording, angles, holds, turns)
+    marks, steps, own = _steps(run, recording, angles, holds, turns)
+    findings += against_plan(steps, own, run)
     observations = observe(recording, run.sensor, marks, steps, found=True)
     return Gathered(
         recording,
@@ -181,8 +183,8 @@ def _track(run: Run, recording: Recording, angles: Array, holds: Indices) -> Tra
 
 def _steps(
     run: Run, recording: Recording, angles: Array, holds: Indices, turns: Sequence[Turned]
-) -> tuple[tuple[Mark, ...], tuple[TableStep, ...]]:
-    """Return the marks and steps of holds and turns, in the order of time."""
+) -> tuple[tuple[Mark, ...], tuple[TableStep, ...], list[str] | None]:
+    """Return marks and steps of holds and turns, in the order of time, and their own labels."""
     found: list[tuple[int, int, TableStep]] = []
     for start, stop in holds.tolist():
         at = angles[start:stop].mean(axis=0)
@@ -199,7 +201,7 @@ def _steps(
     marks = tuple(
         Mark(step.label, start, stop) for (start, stop, _), step in zip(found, steps, strict=True)
     )
-    return marks, steps
+    return marks, steps, own
 
 
 def _conditions(read: Read, steps: Sequence[TableStep]) -> dict[str, str]:
