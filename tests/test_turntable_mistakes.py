@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.test_turntable_runs import Change, refused, run_of
+from tests.test_turntable_runs import Change, path_of, refused, run_of
 
 from inercal.errors import InputError
 from inercal.io.write import write_recording
@@ -306,3 +306,41 @@ def test_labels_that_are_not_the_plans_are_told(
     told = [f.message for f in outcome.findings if f.what == "label"]
     assert any(re.search(words, text) for text in told)
     assert not any(f.what in ("label", "path") for f in calibrate(unlike(tmp_path, made)).findings)
+
+
+def test_accelerometers_a_fifth_too_large_are_asked_about(tmp_path: Path, made: Recording):
+    def larger(one: Recording) -> Recording:
+        return replace(one, data=one.data * np.repeat([1.2, 1.0], 3))
+
+    said = warned(calibrate(unlike(tmp_path, made, change=larger)), "specific force at rest is 1.2")
+    assert said.endswith("is the nominal scale right?")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('"60 µg/√Hz"', '"-60 µg/√Hz"', r"accelerometer\] white: '-60 µg/√Hz' must not be neg"),
+        ('"10 g"', '"-10 g"', r"\[sensor.accelerometer\] full_scale: '-10 g' must be positive"),
+        ("latency =", "latncy =", r"unknown key bench.latncy; did you mean latency\?; possible"),
+        ("[method]", '[method]\nalso = ["bia"]', r"did you mean bias or bias_dT\?"),
+    ],
+)
+def test_slips_of_the_pen_are_told_in_the_users_words(
+    tmp_path: Path, old: str, new: str, words: str
+):
+    with pytest.raises(InputError, match=words):
+        run_of(tmp_path, (old, new))
+
+
+@pytest.mark.parametrize(
+    ("row", "words"),
+    [
+        ("a,rotation,,,,,outer,360,-30", "rotation a: its rate is -30 °/s; give it > 0: the angle"),
+        ("a,rotation,,,,,outer,0,30", "rotation a: its angle is 0; give one"),
+        ("a,position,0,0,0,1e9,,,", r"position a: 1e\+09 s; more than a day"),
+        ("a,position,0,0,0,-1,,,", "position a: -1 s; give it > 0"),
+    ],
+)
+def test_rows_of_a_path_are_judged_in_their_own_units(tmp_path: Path, row: str, words: str):
+    with pytest.raises(InputError, match=words):
+        _ = run_of(tmp_path, path=path_of() + row + "\n").steps

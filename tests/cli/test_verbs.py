@@ -160,6 +160,9 @@ def test_apply_corrects_a_recording_to_specific_force_and_rates(
     said("calibrate", path, "--out", tmp_path, "--no-report")
     calibration, out = tmp_path / "run.calibration.json", tmp_path / "corrected.csv"
     printed = json.loads(said("apply", calibration, path, "--out", out, "--json"))
+    with pytest.raises(AssertionError, match=r"corrected\.csv exists: .* --force"):
+        said("apply", calibration, path, "--out", out)
+    said("apply", calibration, path, "--out", out, "--force")
     table = np.genfromtxt(out, delimiter=",", names=True)
     assert printed == {"recording": str(out), "samples": table.size, "warnings": []}
     assert table.dtype.names == ("time", "fx", "fy", "fz", "wx", "wy", "wz")

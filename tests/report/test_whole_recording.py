@@ -36,9 +36,9 @@ def test_residuals_of_a_whole_recording_are_drawn_by_step(tmp_path: Path):
     assert accelerometers.labels == tuple(name for name in KEPT if name[-1] not in "+-")
     for one in (gyros, accelerometers):
         assert 0.5 < np.sqrt(np.mean(one.mean**2)) < 1.5
-        size = float(np.sum(one.count[:, None] * one.rms**2) / 3 / one.count.sum())
+        size = float(np.sum(one.members[:, None] * one.rms**2) / 3 / one.members.sum())
         assert 0.7 < size < 1.1
-    total = sum(float(np.sum(one.count[:, None] * one.rms**2)) for one in (gyros, accelerometers))
+    total = sum(float(np.sum(one.members[:, None] * one.rms**2)) for one in (gyros, accelerometers))
     assert total <= np.sum(outcome.estimate.whitened**2) * (1 + 1e-9)
     text = write_report(outcome, tmp_path / "page.html").read_text(encoding="utf-8")
     assert "Residuals of the whole recording" in text

@@ -147,11 +147,14 @@ def test_a_key_that_is_missing_is_named_with_its_section_and_an_example(tmp_path
 def test_beside_a_key_that_is_missing_the_misspelt_one_is_named(tmp_path: Path):
     message = refusal(tmp_path, changed(ON_TABLE, ("radius =", "radus =")))
     assert message.startswith(
-        '[bench] radius is missing, such as "250 mm"; unknown key bench.radus; possible here: '
+        '[bench] radius is missing, such as "250 mm"; unknown key bench.radus; did you mean '
+        "radius?; "
+        "possible here: "
     )
     message = refusal(tmp_path, changed(ON_TABLE, ("[data]", "[date]")))
     assert message == (
-        "[data] is missing; unknown section [date]; possible here: sensor, bench, data, method"
+        "[data] is missing; unknown section [date]; did you mean data?; "
+        "possible here: sensor, bench, data, method"
     )
 
 
@@ -173,8 +176,14 @@ def test_a_bench_with_its_kind_says_where_a_key_of_another_goes(tmp_path: Path):
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        ("[sensor.gyros]\nx = 1", "unknown section [sensor.gyros]; possible here: name, form"),
-        ("[sensors]\nx = 1", "unknown section [sensors]; possible here: sensor, bench, data"),
+        (
+            "[sensor.gyros]\nx = 1",
+            "unknown section [sensor.gyros]; did you mean gyro?; possible here: name, form",
+        ),
+        (
+            "[sensors]\nx = 1",
+            "unknown section [sensors]; did you mean sensor?; possible here: sensor, bench, data",
+        ),
         (
             '[data.sd]\n"a b" = "1 g"',
             'unknown key data.sd."a b"; possible here: accelerometer, gyro',

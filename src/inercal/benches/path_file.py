@@ -12,6 +12,7 @@ A rotation whose row has the axes' angles brings them there first.
 
 import re
 from collections.abc import Sequence
+from math import degrees
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,7 @@ from inercal.units import factor
 Array = NDArray[np.float64]
 _WORDS = ("label", "kind", "axis")
 _LIKE = {"seconds": "s", "angle": "°", "rate": "°/s"}
+_LONGEST = 86_400.0  # s
 _HEADED = re.compile(r"(\w+) *\[(.+)\]")
 
 
@@ -105,7 +107,7 @@ def _step(words: dict[str, str], size: dict[str, float], axes: Sequence[str]) ->
         angles = _angles(size, axes)
         if angles is None:
             raise InputError(f"position {label}: give the angles of {', '.join(axes)}")
-        return Position(label, angles, _given(size, "seconds", label))
+        return Position(label, angles, _seconds(size, label))
     if kind != "rotation":
         raise InputError(f"kind {kind!r}; it is position or rotation")
     _refuse_needless(words, size, "rotation", ("seconds",))
@@ -113,7 +115,22 @@ def _step(words: dict[str, str], size: dict[str, float], axes: Sequence[str]) ->
     if axis not in axes:
         raise InputError(f"rotation {label}: axis {axis!r}; it is {' or '.join(axes)}")
     angle, rate = _given(size, "angle", label), _given(size, "rate", label)
+    if angle == 0:
+        raise InputError(f"rotation {label}: its angle is 0; give one, negative for the other way")
+    if rate <= 0:
+        raise InputError(
+            f"rotation {label}: its rate is {degrees(rate):.6g} °/s; give it > 0: the angle says "
+            "which way"
+        )
     return Rotation(label, axes.index(axis), angle, rate, _angles(size, axes))
+
+
+def _seconds(size: dict[str, float], label: str) -> float:
+    seconds = _given(size, "seconds", label)
+    if not 0 < seconds <= _LONGEST:
+        what = "more than a day" if seconds > 0 else "give it > 0"
+        raise InputError(f"position {label}: {seconds:.6g} s; {what}")
+    return seconds
 
 
 def _angles(size: dict[str, float], axes: Sequence[str]) -> tuple[float, ...] | None:

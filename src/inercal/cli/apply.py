@@ -14,6 +14,7 @@ def run(
         help="The run file whose \\[data] names recording and columns."
     ),
     out: Path = typer.Option(..., "--out", "-o", help="The corrected recording to write."),
+    force: bool = typer.Option(False, "--force", help="Write over an existing file."),
     json: bool = typer.Option(False, "--json", help="Print one JSON object."),
 ) -> None:
     """Correct a recording: specific force in m/s², angular rate in rad/s."""
@@ -28,6 +29,8 @@ def run(
     plan = read(run_file)
     if out.resolve() == plan.file(plan.data.file).resolve():
         raise InputError(f"{out} is the recording itself: give the corrected one another name")
+    if out.exists() and not force:
+        raise InputError(f"{out} exists: name another with --out, or write over it with --force")
     with working(f"correcting {plan.data.file}"):
         corrected = apply(calibration, plan)
         write_recording(corrected, out)

@@ -36,7 +36,7 @@ class ByStep(NamedTuple):
     labels: tuple[str, ...]
     mean: Array  # (k, 3), times √n
     rms: Array  # (k, 3)
-    count: NDArray[np.int64]  # (k,) of each component
+    members: NDArray[np.int64]  # (k,) of each component
 
 
 def is_whole(outcome: Outcome) -> bool:
@@ -85,8 +85,8 @@ def by_steps(found: Sequence[ByStep]) -> Markup:
     for (left, right), one in zip(rows, found, strict=True):
         dots(left, one.mean, one.parts, band=True)
         dots(right, one.rms - 1, one.parts, band=False)
-        reach = BEYOND / np.sqrt(2 * one.count)
-        at = np.arange(one.count.size)
+        reach = BEYOND / np.sqrt(2 * one.members)
+        at = np.arange(one.members.size)
         right.bar(at, 2 * reach, 1.0, -reach, color=BAND, lw=0, zorder=0)
         right.axhline(0, color=FAINT, lw=0.8, zorder=0)
         worst = beyond(one.mean)

@@ -82,7 +82,10 @@ def _readout(kind: str, section: ReadoutSection) -> tuple[Readout, Noise]:
         raise InputError(f"{key} scale: must not be zero")
     full = None
     if section.full_scale is not None:
-        full = abs(scale) * si_value(section.full_scale, quantity, f"{key} full_scale")
+        reach = si_value(section.full_scale, quantity, f"{key} full_scale")
+        if reach <= 0:
+            raise InputError(f"{key} full_scale: {section.full_scale!r} must be positive")
+        full = abs(scale) * reach
     likes = {
         "white": f"({quantity})/√Hz",
         "bias_instability": quantity,
@@ -94,6 +97,9 @@ def _readout(kind: str, section: ReadoutSection) -> tuple[Readout, Noise]:
         for name, like in likes.items()
         if (text := getattr(section, name)) is not None
     }
+    for name, value in noise.items():
+        if value < 0:
+            raise InputError(f"{key} {name}: {getattr(section, name)!r} must not be negative")
     return Readout(scale, section.offset, section.unit, full), Noise(**noise)
 
 

@@ -5,6 +5,7 @@ Names, types and choices are worded here; quantities are judged where they are t
 
 import re
 from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
 from json import dumps
 from types import NoneType, UnionType
 from typing import Any, Literal, NamedTuple, Union, get_args, get_origin
@@ -77,6 +78,8 @@ def _unknown(loc: tuple[int | str, ...], value: object, content: Mapping[str, An
     names = (*place.names, str(loc[-1]))
     dotted = _dotted(names)
     line = f"unknown section [{dotted}]" if isinstance(value, dict) else f"unknown key {dotted}"
+    if near := get_close_matches(names[-1], tuple(model.model_fields), n=1):
+        line += f"; did you mean {near[0]}?"
     line += f"; possible here: {', '.join(model.model_fields)}"
     owners = [f'"{kind}"' for kind, bench in BENCHES.items() if names[-1] in bench.model_fields]
     if place.names == ("bench",) and owners:

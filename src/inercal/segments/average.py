@@ -69,8 +69,8 @@ def observe(
         _refuse_flaws(recording, mark, step, sensor.channels)
         if mark.stop - mark.start < MIN_SAMPLES:
             raise InputError(
-                f"{recording.source}: section {mark.label} has {mark.stop - mark.start} samples; "
-                f"at least {MIN_SAMPLES} are needed"
+                f"{recording.source}: section {mark.label} has {mark.stop - mark.start} "
+                f"sample{'s' * (mark.stop - mark.start > 1)}; at least {MIN_SAMPLES} are needed"
             )
     holds = [step for step in used if not isinstance(step, Turn | Rotation)]
     if not holds:

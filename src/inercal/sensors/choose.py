@@ -72,7 +72,7 @@ def _nonorthogonality(axes: Sequence[Axis], k: int) -> list[str]:
 def _unknown(axes: Sequence[Axis], word: str) -> str:
     short = sorted({c.name for axis in axes for c in TABLES[axis.measures]})
     words = [*short, *GROUPS, "nonorthogonality", *(axis.name + ".…" for axis in axes)]
-    near = get_close_matches(word.rpartition(".")[2], words, n=2)
+    near = get_close_matches(word.rpartition(".")[2], dict.fromkeys(words), n=2)
     hint = f"; did you mean {' or '.join(near)}?" if near else ""
     names = ", ".join(axis.name for axis in axes)
     return (

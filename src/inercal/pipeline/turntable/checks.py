@@ -32,6 +32,7 @@ _STILL = 1e-3  # rad; no run worth following turns less, in any unit
 _TURNS = radians(1)  # rad/s that gyros read beyond their bias where a table turns
 _SIZE = 1.2  # times or one over it: no usable scale factor is further off
 _WEIGHT = (0.7, 1.4)  # times g, of the norm at rest
+_USUAL = (0.9, 1.1)
 _NEAR = 1.1  # of a factor that is a unit's
 _LONG = 0.5  # s; the filters take the attitude anew after such a gap
 _NAMED = 5  # gaps
@@ -74,16 +75,17 @@ def require_sound(
     if columns is None:
         by = {kind: tuple(a.name for a in sensor.axes if a.measures == kind) for kind in "fw"}
         columns = Columns(by["f"], by["w"], bench.names)
+    odd: tuple[Finding, ...] = ()
     few: tuple[Finding, ...] = ()
     for index in np.ndindex(track.reading.shape[:-2]):
         one = track.trial(*index)
         made = blocks_of(one, sensor)
         _require_moved(where, one, made)
-        _require_weight(where, made, bench)
+        odd = odd or _require_weight(where, made, bench)
         _require_sizes(where, made.some(), sensor, bench, columns)
         _require_axes(where, made.some(), sensor, bench, columns)
         few = few or (*_few_attitudes(one, bench), *_few_turns(made, bench))
-    return (*_gaps(track.time), *few)
+    return (*_gaps(track.time), *odd, *few)
 
 
 def _beyond_bias(made: Blocks) -> Array:
@@ -109,10 +111,10 @@ def _require_moved(where: str, track: Track, made: Blocks) -> None:
     )
 
 
-def _require_weight(where: str, made: Blocks, bench: Turntable) -> None:
-    """Refuse accelerometers whose norm at rest is far from g."""
+def _require_weight(where: str, made: Blocks, bench: Turntable) -> tuple[Finding, ...]:
+    """Refuse accelerometers whose norm at rest is far from g, and warn where it is not near."""
     if made.readings["f"].shape[-1] != 3 or not made.still.any():
-        return
+        return ()
     norm = np.linalg.norm(made.readings["f"][made.still], axis=-1)
     times = float(np.median(norm)) / bench.gravity.value
     if not _WEIGHT[0] < times < _WEIGHT[1]:
@@ -121,6 +123,13 @@ def _require_weight(where: str, made: Blocks, bench: Turntable) -> None:
             f"gravity, {bench.gravity.value:.4g} m/s²; look at the unit and the scale in "
             "[sensor.accelerometer]"
         )
+    if _USUAL[0] < times < _USUAL[1]:
+        return ()
+    text = (
+        f"specific force at rest is {times:.3g} times gravity, {bench.gravity.value:.4g} m/s²: is "
+        "the nominal scale right?"
+    )
+    return (Finding("warning", "units", text),)
 
 
 def _require_sizes(

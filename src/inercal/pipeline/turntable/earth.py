@@ -134,10 +134,10 @@ def _seen(
     # Biases may be anything; of the earth's rate no component exceeds it.
     known[3:6] = 1 / (3 * EARTH_RATE) ** 2
     covariance = np.linalg.inv(rows.T @ rows + np.diag(known))
-    x = covariance @ (rows.T @ wanted)
+    x = np.asarray(covariance @ (rows.T @ wanted), dtype=float)
     freedom = rows.shape[0] - 6
     left = float(np.sum((wanted - rows @ x) ** 2)) / max(freedom, 1)
-    return x[3:6], covariance[3:6, 3:6] * max(left, 1.0)
+    return x[3:6], np.asarray(covariance[3:6, 3:6] * max(left, 1.0), dtype=float)
 
 
 def _feels_gravity(sensor: Sensor, axis: str) -> bool:

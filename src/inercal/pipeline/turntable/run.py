@@ -115,7 +115,7 @@ def _checked(run: Run, track: Track, bench: Turntable) -> tuple[Finding, ...]:
     if abs(late) > _NOT_LATE:
         # What the readback says now was so that long ago.
         time = track.time
-        angles = [np.interp(time + late, time, axis) for axis in track.angles.T]
+        angles: list[Array] = [np.interp(time + late, time, axis) for axis in track.angles.T]
         track = replace(track, angles=np.stack(angles, axis=-1))
     require_turning(where, track, run.sensor, told.readback)
     again = repeated(track)

@@ -146,8 +146,8 @@ def repeated(track: Track) -> Finding | None:
     turning = (_speed(track) > _TURNING)[1:]
     if turning.sum() < 1 / _REPEATED:
         return None
-    same = np.all(np.diff(track.angles, axis=0) == 0, axis=-1)
-    if float(np.mean(same[turning])) < _REPEATED:
+    same = np.asarray(~np.diff(track.angles, axis=0).any(axis=-1), dtype=np.bool_)
+    if float(same[turning].sum() / turning.sum()) < _REPEATED:
         return None
     step = float(np.median(np.diff(track.time)))
     own = 1 / (step * turning.sum() / max((~same[turning]).sum(), 1))

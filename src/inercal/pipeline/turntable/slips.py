@@ -86,7 +86,7 @@ def slips(track: Track, sensor: Sensor, bench: Turntable) -> tuple[Slip, ...]:
     left = np.linalg.norm(known.left(read.rate, table.rate)[turning], axis=-1)
     speed = np.linalg.norm(table.rate[turning], axis=-1)
     if turning.any() and np.median(left / speed) > _SHAPED:
-        return rows  # the two do not turn alike: offsets in time tell nothing
+        return tuple(rows)  # the two do not turn alike: offsets in time tell nothing
     local = offsets(table, read, known)
     h = half_window(track.time)
     # A row lost within a change of rate moves that one's offset alone.
