@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from tests.test_turntable_runs import path_of, recorded, run_of
 
+from inercal.cli.app import app
 from inercal.design.on_turntable import worksheet
 from inercal.errors import NotObserved
 from inercal.pipeline import calibrate
@@ -27,3 +28,14 @@ def test_a_path_that_leaves_directions_open_says_so_by_each_method(tmp_path: Pat
         run = run_of(tmp_path, change, path=path_of("warm-up", "y up", "z down"))
         with pytest.raises(NotObserved, match=r"mimu\.toml: (not observed|the data leave)"):
             worksheet(run)
+
+
+def test_what_a_path_leaves_open_is_a_dash_with_advice(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    run = run_of(tmp_path, path=path_of("warm-up", "y up", "z down"))
+    app(["plan", "turntable-kalman", "--run", str(run.path)], standalone_mode=False)
+    printed = capsys.readouterr().out
+    assert "40000" not in printed
+    assert any(line.split("│")[3].strip() == "—" for line in printed.splitlines() if "gy." in line)
+    assert "Turn about each axis of the body" in printed

@@ -1,6 +1,7 @@
 """What plans of a bench have in common: files to write, and what will be known."""
 
 from collections.abc import Sequence
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -59,7 +60,8 @@ def known_as_object(one: "Known") -> dict[str, Any]:
     """Return a coefficient and its expected uncertainty for JSON, SI."""
     from inercal.sensors import SI_UNITS
 
-    return {"name": one.name, "std": one.std, "unit": SI_UNITS[one.unit]}
+    std = one.std if isfinite(one.std) else None
+    return {"name": one.name, "std": std, "unit": SI_UNITS[one.unit]}
 
 
 def print_known(run: "Run", parts: Sequence[Sequence["Known"]], console: "Console") -> None:
@@ -76,7 +78,8 @@ def print_known(run: "Run", parts: Sequence[Sequence["Known"]], console: "Consol
     table.add_column("unit")
     for part in parts:
         for one in part:
-            expanded = digits(0.0, COVERAGE * one.std / one.size)[1]
+            known = isfinite(one.std)
+            expanded = digits(0.0, COVERAGE * one.std / one.size)[1] if known else "—"
             table.add_row(one.name, one.meaning, expanded, one.unit)
         table.add_section()
     console.print(table)

@@ -52,6 +52,20 @@ def _as_object(sheet: "PathSheet") -> dict[str, Any]:
     }
 
 
+def _advice(sheet: "PathSheet") -> str:
+    """Say what tells the coefficients that a path leaves open."""
+    from inercal.benches import Turntable
+
+    bench = sheet.run.bench
+    assert isinstance(bench, Turntable)
+    if len(bench.axes) < len("xyz"):
+        return (
+            f"A table of axes {bench.axes} does not tell all: name those to find in "
+            '[method] coefficients, such as ["gz.bias", "gz.scale"].'
+        )
+    return "Turn about each axis of the body, hold more attitudes, or give priors."
+
+
 def _print(sheet: "PathSheet") -> None:
     from rich.console import Console
     from rich.table import Table
@@ -70,8 +84,10 @@ def _print(sheet: "PathSheet") -> None:
     console.print(table)
     print_known(sheet.run, (sheet.expected,), console)
     for words in sheet.undecided:
-        text = f"left open, its U a guess, in units of g and rad/s: {words}"
+        text = f"left open, in units of g and rad/s: {words}"
         console.print(f"· {text}", highlight=False, markup=False)
+    if sheet.undecided:
+        console.print(_advice(sheet), highlight=False, markup=False)
     console.print(
         "Expected of noise and table as stated, over the path as an ideal sensor records it."
     )

@@ -23,6 +23,7 @@ from inercal.recording import Observations, Track
 from inercal.runfile import Run
 
 _RATE = 100.0  # Hz
+_OPEN = 0.2  # of what a coefficient may be before anything is known
 _FIRST = 0.25  # s of each hold that go for settling
 
 
@@ -56,7 +57,7 @@ class PathSheet:
     run : Run
     rows : tuple of Step
     expected : tuple of Known
-        Of each coefficient; of what is undecided that is a guess.
+        Of each coefficient; of those that the path leaves as they were guessed it is NaN.
     undecided : tuple of str
         Directions of the coefficients that the path leaves open, in words.
     """
@@ -154,7 +155,10 @@ def _filtered(
         names = filtered.part.sensor.coefficients
         p = len(names)
         covariance = filtered.covariance[:p, :p]
-        found |= dict(zip(names, np.sqrt(np.diagonal(covariance)).tolist(), strict=True))
+        std = np.sqrt(np.diagonal(covariance))
+        # What is left as it was guessed is no result.
+        std = np.where(std < _OPEN * model.expected(filtered.part), std, np.nan)
+        found |= dict(zip(names, std.tolist(), strict=True))
         undecided += [free.words for free in model.undecided(filtered.part, covariance)]
     return _known(run, found), tuple(undecided)
 

@@ -27,6 +27,7 @@ POINTS = 300
 """Of each line, at most."""
 _STYLES = ("-", "--", ":")
 _PAUSE = 4.0  # of the usual step
+_NAMES = 0.13  # of the width
 _SHARE = 40  # the running mean is over this part of the epochs
 
 
@@ -45,16 +46,11 @@ def convergence(outcome: Outcome, truth: Mapping[str, float] | None) -> Markup:
     """Return each estimate beyond the truth, or beyond the result, with ±2σ, over time."""
     sensor, courses = outcome.calibration.sensor, outcome.estimate.courses
     kinds = [kind for course in courses for kind in _kinds(course, sensor)]
-    columns = 3
-    rows = [kinds[k : k + columns] for k in range(0, len(kinds), columns)]
-    rooms = [*[0.3] * (len(rows) - 1), 0.45]
-    figure, panels = drawing.panels(2.1, rooms, columns)
-    for line, members in zip(panels, rows, strict=True):
-        for axes in line[len(members) :]:
-            axes.set_axis_off()
-        for axes, kind in zip(line, members, strict=False):
-            _converging(axes, kind, sensor, truth)
-    for axes in panels[-1]:
+    figure, panels = drawing.panels(2.1, [0.45] * len(kinds))
+    for (axes,), kind in zip(panels, kinds, strict=True):
+        box = axes.get_position()
+        axes.set_position((box.x0, box.y0, (1 - _NAMES) * box.width, box.height))
+        _converging(axes, kind, sensor, truth)
         axes.set_xlabel("time, s")
     beyond = "the truth" if truth is not None else "the result"
     return svg(figure, "courses", f"Estimates beyond {beyond} with two standard deviations")
@@ -93,17 +89,18 @@ def _converging(axes: Axes, kind: _Kind, sensor: Sensor, truth: Mapping[str, flo
         for side in (-1, 1):
             axes.plot(time, side * reach[picks], style, color=colour, lw=0.5, alpha=0.55)
     axes.axhline(0, color=FAINT, lw=0.8, zorder=0)
-    _symmetric(axes, max(final))
+    _symmetric(axes, min(final))
+    axes.set_ylabel(kind.unit)
     axes.set_title(kind.title)
-    axes.legend(loc="upper right", fontsize=6.5, ncols=3, borderpad=0, handlelength=1.2)
+    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), borderpad=0, handlelength=2.0)
 
 
 def _symmetric(axes: Axes, last: float) -> None:
     """Scale logarithmically to both sides, linearly within what is left at the end."""
-    base = 10.0 ** np.ceil(np.log10(last))
+    base = 10.0 ** np.floor(np.log10(last))
     axes.set_yscale("symlog", linthresh=base)
     reach = max(map(abs, axes.get_ylim()))
-    axes.set_ylim(-30 * reach, 30 * reach)  # room for the names
+    axes.set_ylim(-2 * reach, 2 * reach)
     top = int(np.ceil(np.log10(reach / base)))
     decades = [base * 10.0**k for k in range(0, top + 1, max(1, top // 3))]
     axes.set_yticks([-d for d in reversed(decades)] + [0.0] + decades)

@@ -78,6 +78,7 @@ def page(outcome: Outcome, truth: Mapping[str, float] | None) -> str:
         run_file=calibration.provenance.get("run file", "run.toml"),
         residuals=_residuals(outcome),
         whole=is_whole(outcome),
+        on_table=isinstance(bench, Turntable),
         indexed=isinstance(bench, DividingHead),
         head=on_head.head(outcome, bench) if isinstance(bench, DividingHead) else None,
         search=None if outcome.search is None else history(outcome.search),
