@@ -344,3 +344,13 @@ def test_slips_of_the_pen_are_told_in_the_users_words(
 def test_rows_of_a_path_are_judged_in_their_own_units(tmp_path: Path, row: str, words: str):
     with pytest.raises(InputError, match=words):
         _ = run_of(tmp_path, path=path_of() + row + "\n").steps
+
+
+def test_the_sources_estimator_says_what_its_last_rest_can_tell(tmp_path: Path, made: Recording):
+    run = unlike(tmp_path, made, ('"turntable_kalman"', '"turntable_kalman"\nestimator = "paper"'))
+    (said,) = [line for line in calibrate(run).verdict if "the source's 0.004 °/min" in line]
+    # 0.1 °/√h is 0.1 °/min in one second.
+    found = re.search(r"over the last rest, (\d+\.?\d*) s, leaves u (0\.\d+) °/min", said)
+    assert found is not None
+    seconds, least = map(float, found.groups())
+    assert least == pytest.approx(0.1 / seconds**0.5, rel=0.05)

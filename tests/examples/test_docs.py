@@ -13,6 +13,7 @@ from pydantic.fields import FieldInfo
 
 import inercal
 from inercal.benches import Hand
+from inercal.methods import METHODS
 from inercal.pipeline import calibrate
 from inercal.runfile import schema
 from inercal.sensors import SI_UNITS
@@ -73,6 +74,14 @@ def test_run_file_page_has_every_key_of_the_schema_with_its_default(heading: str
     }
     fields = SECTIONS[heading].model_fields
     assert written == {f"`{name}`": default(field) for name, field in fields.items()}
+
+
+def test_run_file_page_has_every_method_and_estimator():
+    keys = {c[0]: c[3] for c in rows(section(page("reference/run-file.md"), "[method]"))}
+    assert set(re.findall(r"`(\w+)`", keys["`name`"])) == set(METHODS)
+    for name, one in METHODS.items():
+        assert name in keys["`estimator`"], name
+        assert set(one.estimators) <= set(re.findall(r"`(\w+)`", keys["`estimator`"])), name
 
 
 def test_examples_of_quantities_on_the_run_file_page_can_be_read():

@@ -35,7 +35,8 @@ def test_residuals_of_a_whole_recording_are_drawn_by_step(tmp_path: Path):
     assert gyros.labels == (*KEPT, "moves")
     assert accelerometers.labels == tuple(name for name in KEPT if name[-1] not in "+-")
     for one in (gyros, accelerometers):
-        assert 0.5 < np.sqrt(np.mean(one.mean**2)) < 1.5
+        # The means are what coefficients are fitted to.
+        assert 0.3 < np.sqrt(np.mean(one.mean**2)) < 1.5
         size = float(np.sum(one.members[:, None] * one.rms**2) / 3 / one.members.sum())
         assert 0.7 < size < 1.1
     total = sum(float(np.sum(one.members[:, None] * one.rms**2)) for one in (gyros, accelerometers))

@@ -19,7 +19,7 @@ def run(
     out: Path | None = typer.Option(
         None, "--out", "-o", help="Folder for the page; by default here, with --json none."
     ),
-    trials: int = typer.Option(4000, help="Monte Carlo trials; slow estimators take fewer."),
+    trials: int = typer.Option(4000, help="Monte Carlo trials at most; slow studies take fewer."),
     seed: int = typer.Option(0, help="Seed of the noise."),
     json: bool = typer.Option(False, "--json", help="Print one JSON list of the claims."),
 ) -> None:

@@ -144,6 +144,10 @@ def calibrate(
         )
     p = len(sensor.coefficients)
     expected = stated(bench, gathered.steps, sensor)
+    track = observations.track
+    if run.estimator == "paper" and track is not None and sensor.only("w").axes:
+        note = turntable.of_source(sensor, track)
+        estimate = replace(estimate, notes=(*estimate.notes, note))
     if isinstance(bench, Turntable):
         findings += turntable.far_from_stated(estimate, expected)
     lines = verdict(estimate, sensor, findings, run.estimator, expected, _sought(bench))

@@ -81,7 +81,7 @@ def require_earth(
         )
     words += " (k = 2); in brackets as latitude and azimuth say: look at these in [bench], at "
     words += "drift beyond the gyros' bias_instability, and at g-sensitivity"
-    return (*found, Finding("warning", "earth's rate", words))
+    return (*found, Finding("warning", "earth", words))
 
 
 def _would_be(seen: Array, bench: Turntable) -> str:

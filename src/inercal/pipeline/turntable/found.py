@@ -1,20 +1,37 @@
 """What a fit found of a turntable far from what the run file states of it."""
 
 from collections.abc import Mapping
-from math import sqrt
+from math import degrees, radians, sqrt
 
 from inercal.estimate import Estimate
 from inercal.parameters import Parameter
-from inercal.recording import Finding
+from inercal.recording import Finding, Track
+from inercal.sensors import Sensor
 from inercal.units import readable
 
 _FAR = 3.3  # standard deviations: of twenty parameters that are as stated one in fifty runs has it
 _SETTLED = 0.8  # of the stated deviation: less than a third of the variance is from the data
+_SOURCE = radians(0.004) / 60  # rad/s
 _KEYS = {
     "lean_x": "lean", "lean_y": "lean", "square_1": "square", "square_2": "square",
     "azimuth": "azimuth", "latency": "latency", "clock": "clock", "g": "gravity",
 }  # fmt: skip
 _UNITS = {"s": "ms", "1": "ppm", "m": "mm", "m/s²": "m/s²"}
+
+
+def of_source(sensor: Sensor, track: Track) -> str:
+    """Say how well noise alone lets the gyros' biases be known over the run's last rest.
+
+    The source states 0.004 °/min from 72 s of it.
+    """
+    held = track.time[track.hold == track.hold.max()]
+    seconds = float(held[-1] - held[0])
+    white = max(axis.noise.white for axis in sensor.axes if axis.measures == "w")
+    least, needed = (degrees(x) * 60 for x in (white / sqrt(seconds), _SOURCE * sqrt(seconds)))
+    return (
+        f"the gyros' noise over the last rest, {seconds:.3g} s, leaves u {least:.2g} °/min of each "
+        f"bias: the source's 0.004 °/min from it alone takes less than {needed:.2g} °/√h"
+    )
 
 
 def far_from_stated(estimate: Estimate, expected: Mapping[str, Parameter]) -> tuple[Finding, ...]:

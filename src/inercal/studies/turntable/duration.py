@@ -13,9 +13,9 @@ _WHERE = "results"
 SHORT = Claim("the path with its warm-up takes half an hour", _WHERE, 30.0, "min", "≤")
 LONG = Claim("the traditional procedure takes three hours", _WHERE, 180.0, "min", "≥", "result")
 AS_GOOD = {
-    "g": Claim("as accurate as the traditional procedure: gyro misalignment over its", _WHERE, 1.0,
+    "g": Claim("gyro misalignment over that of the traditional procedure", _WHERE, 1.0,
                "", "≤"),
-    "a": Claim("as accurate as the traditional procedure: accelerometer misalignment over its",
+    "a": Claim("accelerometer misalignment over that of the traditional procedure",
                _WHERE, 1.0, "", "≤"),
 }  # fmt: skip
 _PATHS = {"paper": paper, "fast": fast, "discrete": discrete}
