@@ -1,0 +1,158 @@
+"""What came from the devices, byte for byte: an append-only file that a kill cannot spoil.
+
+A frame is written by one call and carries its own check:
+
+    A5 'i' | kind, 1 byte | length, uint32 | time, float64 | CRC-32 of these | payload | its CRC-32
+
+little-endian; `time` is the host's, s of the run. The head has a check of its own, as a length that
+is not true would make what follows look like a frame that was not finished. A host that is killed
+leaves whole frames and at most one torn one at the end, which `Log` cuts off, and says so, when it
+opens the file again.
+"""
+
+import os
+from collections.abc import Generator
+from hashlib import sha256
+from pathlib import Path
+from struct import Struct
+from typing import NamedTuple, Self
+from zlib import crc32
+
+from inercal.errors import InputError
+
+IMU, TABLE, EVENT = 1, 2, 3
+_HEAD = Struct("<2sBId")
+_CHECK = Struct("<I")
+_MAGIC = b"\xa5i"
+
+
+class Frame(NamedTuple):
+    """One piece of what came.
+
+    Parameters
+    ----------
+    kind : int
+        `IMU`, `TABLE` or `EVENT`.
+    time : float
+        When the host had it, s of the run.
+    payload : bytes
+    """
+
+    kind: int
+    time: float
+    payload: bytes
+
+
+class Log:
+    """A log open for appending.
+
+    Parameters
+    ----------
+    path : path
+        Made if it is not there.
+
+    Attributes
+    ----------
+    torn : int
+        Bytes of a frame that was not finished, cut off when the file was opened.
+
+    Raises
+    ------
+    InputError
+        The file cannot be written, or is not a log, or is damaged before its end: what follows the
+        damage would be lost.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]):
+        self.path = Path(path)
+        try:
+            sound = _sound(self.path) if self.path.exists() else 0
+            self._file = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)
+        except OSError as error:
+            raise InputError(f"{self.path}: cannot be written: {error.strerror}") from None
+        self.torn = os.fstat(self._file).st_size - sound
+        if self.torn:
+            os.ftruncate(self._file, sound)
+
+    def append(self, kind: int, time: float, payload: bytes) -> None:
+        """Write one frame; it is in the system's hands when this returns.
+
+        Raises
+        ------
+        InputError
+            The disk is full or gone.
+        """
+        head = _HEAD.pack(_MAGIC, kind, len(payload), time)
+        frame = head + _CHECK.pack(crc32(head)) + payload + _CHECK.pack(crc32(payload))
+        try:
+            written = os.write(self._file, frame)
+        except OSError as error:
+            raise InputError(f"{self.path}: cannot be written: {error.strerror}") from None
+        if written < len(frame):
+            raise InputError(f"{self.path}: cannot be written: no space left on device")
+
+    def close(self) -> None:
+        """Have the disk take everything, and close."""
+        os.fsync(self._file)
+        os.close(self._file)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def frames(path: str | os.PathLike[str]) -> Generator[Frame]:
+    """Yield the frames of a log, as far as they are sound.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read or is not a log, or a damaged frame has others behind it.
+    """
+    for frame, _ in _frames(Path(path)):
+        yield frame
+
+
+def digest(path: str | os.PathLike[str]) -> str:
+    """Return the SHA-256 of a file, in hexadecimal."""
+    made = sha256()
+    with open(path, "rb") as file:
+        while block := file.read(1 << 20):
+            made.update(block)
+    return made.hexdigest()
+
+
+def _sound(path: Path) -> int:
+    """Return how many bytes are whole frames."""
+    return max((end for _, end in _frames(path)), default=0)
+
+
+def _frames(path: Path) -> Generator[tuple[Frame, int]]:
+    """Yield each whole frame and where it ends."""
+    try:
+        with path.open("rb") as file:
+            at = 0
+            while head := file.read(_HEAD.size + _CHECK.size):
+                if _MAGIC[: len(head)] != head[:2]:
+                    what = "is damaged" if at else "is no log of a run"
+                    raise InputError(f"{path} {what}: byte {at} begins no frame")
+                if len(head) < _HEAD.size + _CHECK.size:
+                    return
+                _, kind, length, time = _HEAD.unpack_from(head)
+                _require(_HEAD.size, head, path, at)
+                rest = file.read(length + _CHECK.size)
+                if len(rest) < length + _CHECK.size:
+                    return
+                _require(length, rest, path, at)
+                at += len(head) + len(rest)
+                yield Frame(kind, time, rest[:length]), at
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+
+
+def _require(length: int, checked: bytes, path: Path, at: int) -> None:
+    """Refuse bytes that are not those their check was made from."""
+    if _CHECK.unpack_from(checked, length)[0] != crc32(checked[:length]):
+        raise InputError(f"{path} is damaged: the frame at byte {at} fails its check")

@@ -1,0 +1,80 @@
+"""The log of a run: sound whatever moment the host dies at."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inercal.errors import InputError
+from inercal.host.log import EVENT, IMU, TABLE, Frame, Log, digest, frames
+
+WRITTEN = [
+    Frame(IMU, 0.01, b"\xfa\xff" + bytes(range(30))),
+    Frame(TABLE, 0.02, b""),
+    Frame(EVENT, 3.5, "begun: α".encode()),
+]
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    made = tmp_path / "run.log"
+    with Log(made) as log:
+        for frame in WRITTEN:
+            log.append(*frame)
+    return made
+
+
+def test_frames_come_back_as_they_were_written_and_can_be_added_to(path: Path):
+    assert list(frames(path)) == WRITTEN
+    with Log(path) as log:
+        assert log.torn == 0
+        log.append(*WRITTEN[0])
+    assert list(frames(path)) == [*WRITTEN, WRITTEN[0]]
+
+
+def test_a_file_cut_at_any_byte_gives_its_whole_frames_and_takes_new_ones(path: Path):
+    whole = path.read_bytes()
+    ends = [0]
+    for frame in WRITTEN:
+        ends.append(ends[-1] + 23 + len(frame.payload))
+    assert ends[-1] == len(whole)
+    for cut in range(len(whole)):
+        path.write_bytes(whole[:cut])
+        kept = sum(end <= cut for end in ends) - 1
+        assert list(frames(path)) == WRITTEN[:kept]
+        with Log(path) as log:
+            assert log.torn == cut - ends[kept]
+            log.append(*WRITTEN[-1])
+        assert list(frames(path)) == [*WRITTEN[:kept], WRITTEN[-1]]
+
+
+def test_a_changed_byte_before_the_end_is_named_and_nothing_is_cut(path: Path):
+    whole = path.read_bytes()
+    rng = np.random.default_rng(1)
+    for at in rng.choice(len(whole), 60, replace=False):
+        spoilt = bytearray(whole)
+        spoilt[at] ^= 1 << int(rng.integers(8))
+        path.write_bytes(spoilt)
+        with pytest.raises(InputError, match="byte"):
+            list(frames(path))
+        with pytest.raises(InputError, match="byte"):
+            Log(path)
+        assert path.read_bytes() == spoilt
+
+
+def test_another_file_is_no_log(tmp_path: Path):
+    other = tmp_path / "notes.txt"
+    other.write_text("warm up two minutes")
+    with pytest.raises(InputError, match="is no log of a run"):
+        Log(other)
+    assert other.read_text() == "warm up two minutes"
+    with pytest.raises(InputError, match="cannot be read"):
+        list(frames(tmp_path / "none.log"))
+    with pytest.raises(InputError, match="cannot be written"):
+        Log(tmp_path / "none" / "run.log")
+
+
+def test_the_digest_is_that_of_the_bytes(tmp_path: Path):
+    file = tmp_path / "abc"
+    file.write_bytes(b"abc")  # FIPS 180-2, B.1
+    assert digest(file) == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
