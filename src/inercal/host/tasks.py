@@ -1,0 +1,66 @@
+"""A plan as the table carries it out: each step made absolute, so that it can be done again.
+
+A step is repeated whole after an outage. `Rotation` turns from where the table stands; a `Task`
+says where that is, counted on over whole turns from the zero that homing found.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from inercal.benches.turntable import Turntable
+from inercal.benches.turntable_run import travel
+from inercal.plan import Rotation, TableStep
+
+Angles = tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Task:
+    """One step of a plan.
+
+    Parameters
+    ----------
+    label : str
+        Of the section that it leaves.
+    start, end : tuple of float
+        Angles of all axes, outermost first, rad: brought there first; there when it is done.
+    rate : float
+        rad/s of the turn from start to end; 0 of a stay.
+    seconds : float
+        Length of the section; a turn's is what its limits make of it.
+    approach : float
+        How long the way to `start` takes from the step before, s.
+    """
+
+    label: str
+    start: Angles
+    end: Angles
+    rate: float
+    seconds: float
+    approach: float
+
+
+def tasks(bench: Turntable, steps: Sequence[TableStep]) -> tuple[Task, ...]:
+    """Return the steps made absolute, from all axes at zero.
+
+    Raises
+    ------
+    InputError
+        As `inercal.benches.turntable_run.travel`.
+    """
+    way = travel(bench, steps)
+    angles: list[list[float]] = way.at(way.ends)[0].tolist()
+    ends: list[float] = way.ends.tolist()
+    made: list[Task] = []
+    now: Angles = (0.0,) * len(bench.axes)
+    at, approach, coming = 0.0, 0.0, iter(steps)
+    for label, end, there in zip(way.labels, ends, map(tuple, angles), strict=True):
+        if label:
+            step = next(coming)
+            rate = step.rate if isinstance(step, Rotation) else 0.0
+            made.append(Task(label, now, there, rate, end - at, approach))
+            approach = 0.0
+        else:
+            approach = end - at
+        now, at = there, end
+    return tuple(made)

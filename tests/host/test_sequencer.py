@@ -1,0 +1,190 @@
+"""The sequencer against a table of a few lines: what it commands, repeats and refuses."""
+
+from dataclasses import replace
+from itertools import pairwise
+from math import pi, radians
+
+import pytest
+
+from inercal.benches import Turntable
+from inercal.benches.table_moves import Limits
+from inercal.host.drivers.table import AxisState, TableFault, TableState
+from inercal.host.sequencer import Enable, Go, Home, Section, Sequencer, Stop
+from inercal.host.tasks import Task, tasks
+from inercal.plan import Position, Rotation
+from inercal.units import Measured
+
+BENCH = Turntable(Measured(9.8, 0.0), radians(38), Measured(0.0, 0.0))
+LIMITS = BENCH.limits_of_axes
+PLAN = [
+    Position("warm-up", (0.0, 0.0, 0.0), 5.0),
+    Position("up", (0.0, pi / 2, 0.0), 3.0),
+    Rotation("x+", 2, 4 * pi, radians(30)),
+    Rotation("x-", 2, -4 * pi, radians(30), (pi, 0.0, 0.0)),
+]
+
+
+class Table:
+    """Axes that turn at the rate they were told, at once; polled each 0.1 s."""
+
+    def __init__(self):
+        self.time, self.angle, self.goal = 0.0, [0.0] * 3, [0.0] * 3
+        self.rate = [1.0] * 3
+        self.enabled = self.homed = False
+        self.faults: dict[int, tuple[str, ...]] = {}
+        self.stuck: set[int] = set()
+        self.told: list[object] = []
+
+    def read(self) -> TableState:
+        axes = [
+            AxisState(
+                self.angle[i],
+                0.0,
+                0.0,
+                abs(self.goal[i] - self.angle[i]) < 1e-9,
+                abs(self.goal[i] - self.angle[i]) >= 1e-9,
+                self.enabled,
+                self.homed,
+                self.faults.get(i, ()),
+            )
+            for i in range(3)
+        ]
+        return TableState(self.time, tuple(axes))
+
+    def tell(self, command: object) -> None:
+        self.told.append(command)
+        match command:
+            case Enable():
+                self.enabled = True
+            case Home():
+                self.homed = True
+            case Go(axis, angle, rate, _):
+                self.goal[axis], self.rate[axis] = angle, rate
+            case Stop():
+                self.goal = list(self.angle)
+
+    def wait(self, seconds: float = 0.1) -> None:
+        self.time += seconds
+        for i in set(range(3)) - self.stuck:
+            left = self.goal[i] - self.angle[i]
+            step = min(abs(left), self.rate[i] * seconds)
+            self.angle[i] += step if left > 0 else -step
+
+
+def run(made: Sequencer, table: Table, until: float = 1e4) -> list[Section]:
+    while not made.over and table.time < until:
+        for command in made.step(table.read()):
+            table.tell(command)
+        table.wait()
+    return made.sections
+
+
+def test_a_plan_made_absolute_counts_on_over_whole_turns():
+    made = tasks(BENCH, PLAN)
+    assert [one.label for one in made] == ["warm-up", "up", "x+", "x-"]
+    assert made[2].start == pytest.approx((0, pi / 2, 0))
+    assert made[2].end == pytest.approx((0, pi / 2, 4 * pi))
+    assert made[3].start == pytest.approx((pi, 0, 4 * pi))
+    assert made[3].end == pytest.approx((pi, 0, 0))
+    assert [one.rate > 0 for one in made] == [False, False, True, True]
+
+
+def test_all_steps_are_done_in_order_and_the_table_returns():
+    table, made = Table(), Sequencer(tasks(BENCH, PLAN), LIMITS)
+    sections = run(made, table)
+    assert made.phase == "done"
+    assert [(s.number, s.what) for s in sections] == [
+        (k, what) for k in range(4) for what in ("begun", "done")
+    ]
+    began, ended = sections[2:4]
+    assert 3.0 <= ended.time - began.time < 3.2
+    assert table.told[:2] == [Enable(), Home()]
+    assert table.angle == pytest.approx([0, 0, 0], abs=1e-8)
+    assert made.remaining(table.time) == 0
+
+
+@pytest.mark.parametrize("at", [0.05, 3.0, 8.0, 9.0, 14.0, 25.0, 50.0, 70.0])
+def test_a_pause_repeats_the_step_whole_from_where_it_begins(at: float):
+    table, made = Table(), Sequencer(tasks(BENCH, PLAN), LIMITS)
+    run(made, table, at)
+    number, phase = made.number, made.phase
+    for command in made.pause(table.time):
+        table.tell(command)
+    assert table.told[-1] == Stop()
+    assert not made.step(table.read())
+    assert made.pause(table.time) == []
+    made.go_on()
+    sections = run(made, table)
+    assert made.phase == "done"
+    void = [s for s in sections if s.what == "void"]
+    assert [s.number for s in void] == ([number] if phase == "work" else [])
+    for k, task in enumerate(tasks(BENCH, PLAN)):
+        done = [s for s in sections if s.number == k]
+        assert [s.what for s in done[-2:]] == ["begun", "done"]
+        if not task.rate:
+            assert done[-1].time - done[-2].time >= task.seconds
+
+
+def test_a_run_goes_on_at_a_later_step_and_brings_the_axes_there():
+    table = Table()
+    table.enabled = table.homed = True
+    sections = run(Sequencer(tasks(BENCH, PLAN), LIMITS, first=2), table)
+    assert [s.number for s in sections] == [2, 2, 3, 3]
+    goes = [c for c in table.told if isinstance(c, Go)]
+    assert goes[0] == Go(1, pi / 2, LIMITS[1].rate, LIMITS[1].acceleration)
+    assert goes[1].axis == 2
+    assert goes[1].rate == pytest.approx(radians(30))
+    assert not any(isinstance(c, Home | Enable) for c in table.told)
+
+
+def test_abort_stops_and_nothing_follows():
+    table, made = Table(), Sequencer(tasks(BENCH, PLAN), LIMITS)
+    run(made, table, 2.0)
+    assert made.abort(table.time) == [Stop()]
+    assert made.over
+    assert made.sections[-1].what == "void"
+    assert made.step(table.read()) == []
+
+
+def test_an_axis_that_does_not_arrive_is_named_with_its_step():
+    table, made = Table(), Sequencer(tasks(BENCH, PLAN), LIMITS)
+    table.stuck = {1}
+    with pytest.raises(TableFault, match=r"axis 1 at 0\.0000° \(step 2, up: approach\)"):
+        run(made, table)
+
+
+def test_a_fault_and_a_servo_that_is_off_are_said_in_words():
+    table, made = Table(), Sequencer(tasks(BENCH, PLAN), LIMITS)
+    run(made, table, 6.5)
+    table.faults = {2: ("amplifier fault",)}
+    with pytest.raises(TableFault, match="axis 2: amplifier fault"):
+        made.step(table.read())
+    table.faults = {}
+    table.enabled = False
+    with pytest.raises(TableFault, match="its servo is off"):
+        made.step(table.read())
+
+
+def test_a_stay_ends_by_the_tables_clock_however_seldom_it_is_asked():
+    table, made = Table(), Sequencer([Task("p", (0,) * 3, (0,) * 3, 0.0, 10.0, 0.0)], LIMITS)
+    while not made.over:
+        for command in made.step(table.read()):
+            table.tell(command)
+        table.wait(0.7)
+    began, ended = made.sections
+    assert 10.0 <= ended.time - began.time < 10.8
+
+
+def test_what_remains_shrinks_to_nothing():
+    limits = [replace(one, rate=1.0) for one in LIMITS]
+    assert isinstance(limits[0], Limits)
+    table, made = Table(), Sequencer(tasks(BENCH, PLAN), limits)
+    left = [made.remaining(0.0)]
+    while not made.over:
+        for command in made.step(table.read()):
+            table.tell(command)
+        table.wait()
+        left.append(made.remaining(table.time))
+    assert left[0] > 50
+    assert max(after - before for before, after in pairwise(left)) < 1e-9
+    assert left[-1] == 0
