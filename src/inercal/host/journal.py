@@ -1,0 +1,216 @@
+"""The journal of a run: what was planned, begun, done and said, in SQLite beside the raw log.
+
+The log holds what came from the devices; the journal, what the host made of it. Both together are
+enough to go on with a run whose host was killed: steps that are done stay done, the one in hand is
+repeated whole.
+"""
+
+import os
+import sqlite3
+from collections.abc import Generator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import NamedTuple, Self
+
+from inercal.errors import InputError
+
+_VERSION = 1
+_SCHEMA = """
+CREATE TABLE run (begun TEXT NOT NULL, run_file TEXT NOT NULL, table_address TEXT NOT NULL,
+                  imu_address TEXT NOT NULL, steps INTEGER NOT NULL, state TEXT NOT NULL);
+CREATE TABLE section (id INTEGER PRIMARY KEY, step INTEGER NOT NULL, label TEXT NOT NULL,
+                      what TEXT NOT NULL, time REAL NOT NULL);
+CREATE TABLE event (id INTEGER PRIMARY KEY, at TEXT NOT NULL, time REAL, level TEXT NOT NULL,
+                    words TEXT NOT NULL);
+CREATE TABLE file (name TEXT PRIMARY KEY, size INTEGER NOT NULL, sha256 TEXT NOT NULL);
+"""
+
+
+class Run(NamedTuple):
+    """What a journal is of.
+
+    Parameters
+    ----------
+    begun : str
+        ISO 8601, UTC.
+    run_file : str
+        Its text.
+    table, imu : str
+        Addresses.
+    steps : int
+    state : str
+        "running", "done" or "aborted"; one that says "running" and has no host was interrupted.
+    """
+
+    begun: str
+    run_file: str
+    table: str
+    imu: str
+    steps: int
+    state: str
+
+
+class Event(NamedTuple):
+    """Something that an operator should know.
+
+    Parameters
+    ----------
+    at : str
+        ISO 8601, UTC.
+    time : float or None
+        The table's clock, s.
+    level : "info", "warning" or "alarm"
+    words : str
+    """
+
+    at: str
+    time: float | None
+    level: str
+    words: str
+
+
+class Journal:
+    """A journal open for writing; every call is one transaction, on disk when it returns.
+
+    Raises
+    ------
+    InputError
+        The file cannot be opened, is no journal or one of a newer version.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]):
+        self.path = Path(path)
+        if not self.path.exists():
+            raise InputError(f"{path}: there is no journal of a run; begin one")
+        self._db = _opened(self.path)
+
+    @classmethod
+    def begin(
+        cls, path: str | os.PathLike[str], run_file: str, table: str, imu: str, steps: int
+    ) -> Self:
+        """Make a journal and open it.
+
+        Raises
+        ------
+        InputError
+            There is one already, or the folder cannot be written.
+        """
+        if Path(path).exists():
+            raise InputError(f"{path} is there already; resume that run or name another folder")
+        with _said(Path(path)):
+            db = sqlite3.connect(path)
+            with db:
+                db.executescript(f"BEGIN; {_SCHEMA} PRAGMA user_version = {_VERSION}; COMMIT;")
+                row = (_now(), run_file, table, imu, steps, "running")
+                db.execute("INSERT INTO run VALUES (?, ?, ?, ?, ?, ?)", row)
+            db.close()
+        return cls(path)
+
+    def run(self) -> Run:
+        """Return what the journal is of."""
+        with _said(self.path):
+            return Run(*self._db.execute("SELECT * FROM run").fetchone())
+
+    def end(self, state: str) -> None:
+        """Say how the run ended: "done" or "aborted"; "running" when it goes on."""
+        self._do("UPDATE run SET state = ?", state)
+
+    def section(self, step: int, label: str, what: str, time: float) -> None:
+        """Keep that a section began, was done or is void, at a time of the table, s."""
+        self._do(
+            "INSERT INTO section (step, label, what, time) VALUES (?, ?, ?, ?)",
+            step, label, what, time,
+        )  # fmt: skip
+
+    def sections(self) -> tuple[tuple[str, float, float], ...]:
+        """Return label, begin and end of every section that was done, s of the table's clock."""
+        made: list[tuple[str, float, float]] = []
+        begun = 0.0
+        with _said(self.path):
+            for label, what, time in self._db.execute(
+                "SELECT label, what, time FROM section ORDER BY id"
+            ):
+                if what == "begun":
+                    begun = time
+                elif what == "done":
+                    made.append((label, begun, time))
+        return tuple(made)
+
+    def done(self) -> int:
+        """Return how many steps are done: the number of the one to go on with."""
+        with _said(self.path):
+            (last,) = self._db.execute(
+                "SELECT max(step) FROM section WHERE what = 'done'"
+            ).fetchone()
+        return 0 if last is None else last + 1
+
+    def event(self, level: str, words: str, time: float | None = None) -> None:
+        """Keep something an operator should know: "info", "warning" or "alarm"."""
+        self._do(
+            "INSERT INTO event (at, time, level, words) VALUES (?, ?, ?, ?)",
+            _now(), time, level, words,
+        )  # fmt: skip
+
+    def events(self) -> tuple[Event, ...]:
+        """Return all events, the first first."""
+        with _said(self.path):
+            rows = self._db.execute("SELECT at, time, level, words FROM event ORDER BY id")
+            return tuple(Event(*row) for row in rows)
+
+    def file(self, name: str, size: int, sha256: str) -> None:
+        """Keep the size and the SHA-256 of a file that the run left."""
+        self._do("INSERT OR REPLACE INTO file VALUES (?, ?, ?)", name, size, sha256)
+
+    def files(self) -> dict[str, tuple[int, str]]:
+        """Return size and SHA-256 of each file."""
+        with _said(self.path):
+            rows = self._db.execute("SELECT name, size, sha256 FROM file ORDER BY name")
+            return {name: (size, sha256) for name, size, sha256 in rows}
+
+    def _do(self, what: str, *values: object) -> None:
+        with _said(self.path), self._db:
+            self._db.execute(what, values)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._db.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _opened(path: Path) -> sqlite3.Connection:
+    with _said(path):
+        db = sqlite3.connect(path)
+        try:
+            # A write-ahead log: a host that is killed leaves the last whole transaction.
+            db.execute("PRAGMA journal_mode = WAL")
+            db.execute("PRAGMA synchronous = NORMAL")
+            (version,) = db.execute("PRAGMA user_version").fetchone()
+            if version != _VERSION:
+                raise InputError(
+                    f"{path} is no journal of this version: it says {version}, not {_VERSION}"
+                )
+        except BaseException:
+            db.close()
+            raise
+        return db
+
+
+@contextmanager
+def _said(path: Path) -> Generator[None]:
+    """Turn what SQLite says into one line with the file's name."""
+    try:
+        yield
+    except sqlite3.Error as error:
+        raise InputError(
+            f"{path}: {error}; is it a journal, and can its folder be written?"
+        ) from None
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="milliseconds")

@@ -1,0 +1,95 @@
+"""The journal of a run: what is kept, and what a killed host leaves."""
+
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from inercal.errors import InputError
+from inercal.host.journal import Journal
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    made = tmp_path / "run.sqlite"
+    Journal.begin(made, "[sensor]", "pmac://a:1025", "tcp://b:1", 3).close()
+    return made
+
+
+def test_a_journal_says_again_what_it_was_told(path: Path):
+    with Journal(path) as journal:
+        run = journal.run()
+        assert run[1:] == ("[sensor]", "pmac://a:1025", "tcp://b:1", 3, "running")
+        assert journal.done() == 0
+        assert journal.sections() == ()
+        journal.section(0, "warm-up", "begun", 1.5)
+        journal.section(0, "warm-up", "void", 2.5)
+        journal.section(0, "warm-up", "begun", 3.5)
+        journal.section(0, "warm-up", "done", 5.5)
+        journal.section(1, "p1", "begun", 6.0)
+        journal.event("alarm", "axis 1: amplifier fault", 6.5)
+        journal.event("info", "resumed")
+        journal.file("run.log", 12, "ab")
+        journal.file("run.log", 13, "cd")
+        journal.end("aborted")
+    with Journal(path) as journal:
+        assert journal.done() == 1
+        assert journal.sections() == (("warm-up", 3.5, 5.5),)
+        assert [e[1:] for e in journal.events()] == [
+            (6.5, "alarm", "axis 1: amplifier fault"),
+            (None, "info", "resumed"),
+        ]
+        assert journal.files() == {"run.log": (13, "cd")}
+        assert journal.run().state == "aborted"
+
+
+def test_what_is_no_journal_is_refused_in_one_line(path: Path, tmp_path: Path):
+    with pytest.raises(InputError, match="there already"):
+        Journal.begin(path, "", "", "", 0)
+    with pytest.raises(InputError, match="there is no journal"):
+        Journal(tmp_path / "none.sqlite")
+    with pytest.raises(InputError, match="can its folder be written"):
+        Journal.begin(tmp_path / "none" / "run.sqlite", "", "", "", 0)
+    (tmp_path / "text").write_text("no database at all, but longer than a hundred bytes " * 4)
+    with pytest.raises(InputError, match="is it a journal"):
+        Journal(tmp_path / "text")
+    db = sqlite3.connect(tmp_path / "other.sqlite")
+    db.execute("CREATE TABLE t (a)")
+    db.close()
+    with pytest.raises(InputError, match="no journal of this version"):
+        Journal(tmp_path / "other.sqlite")
+
+
+WRITER = """
+import sys
+from inercal.host.journal import Journal
+journal = Journal(sys.argv[1])
+for k in range(10**6):
+    journal.section(k, "p", "done", float(k))
+    print(k, flush=True)
+"""
+
+
+def test_every_step_that_was_told_done_is_there_after_a_kill(tmp_path: Path):
+    for k in range(5):
+        path = tmp_path / f"{k}.sqlite"
+        Journal.begin(path, "", "", "", 3).close()
+        with subprocess.Popen(
+            [sys.executable, "-c", WRITER, str(path)], stdout=subprocess.PIPE, text=True
+        ) as writer:
+            assert writer.stdout is not None
+            for line in writer.stdout:
+                if int(line) == 20:
+                    os.kill(writer.pid, signal.SIGKILL)
+                    break
+            told = [20, *(int(line) for line in writer.stdout if line.endswith("\n"))]
+        with Journal(path) as journal:
+            assert journal.done() - 1 - told[-1] in (0, 1)
+            assert len(journal.sections()) == journal.done()
+        check = sqlite3.connect(path)
+        assert check.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+        check.close()
