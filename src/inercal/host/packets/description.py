@@ -1,0 +1,271 @@
+"""Descriptions of packets in TOML, read into a `Layout`; what is wrong with one, in a line."""
+
+import math
+import re
+import tomllib
+from collections.abc import Callable, Mapping
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+from inercal.errors import InputError
+from inercal.host.packets.layout import Layout, Scale
+from inercal.host.packets.picture import AXES, Frame, Line, read_frame, read_line
+from inercal.units import factor, parse
+
+_PRESETS = files("inercal.host.packets") / "presets"
+PRESETS = tuple(
+    sorted(p.name.removesuffix(".toml") for p in _PRESETS.iterdir() if p.name.endswith(".toml"))
+)
+
+# What each section takes, by key; a channel's section may be left out where its roles are.
+_KEYS: Mapping[str, Mapping[str, type]] = {
+    "": {
+        "about": str,
+        "byte_order": str,
+        "rate": str,
+        "line": str,
+        "frame": list,
+        "accelerometer": dict,
+        "gyro": dict,
+        "temperature": dict,
+        "time": dict,
+        "counter": dict,
+        "status": dict,
+    },
+    "frame": {"packet": str, "length": int},
+    "accelerometer": {"scale": str, "full_scale": str, "invalid": list},
+    "gyro": {"scale": str, "full_scale": str, "invalid": list},
+    "temperature": {"scale": str, "zero": str, "invalid": list},
+    "time": {"scale": str, "wraps": str},
+    "counter": {"step": int, "wraps": int},
+    "status": {"mask": int, "good": int},
+}
+_SORTS = {str: "text", int: "a whole number", list: "a list", dict: "a section"}
+# What the scale of a channel is like, what its increments are like, and an example.
+_LIKE = {
+    "accelerometer": ("m/s²", "m/s", "1 µg"),
+    "gyro": ("rad/s", "rad", "16/32768 °/s"),
+    "temperature": ("K", None, "0.01 °C"),
+    "time": ("s", None, "100 µs"),
+}
+T = TypeVar("T")
+_SCALE = re.compile(r"([-+0-9.eE^/ ]+?) +(\S.*)")
+_TERM = re.compile(r"[+-]?[0-9]+(?:\.[0-9]*)?(?:[eE][+-]?[0-9]+)?|2\^-?[0-9]{1,2}")
+
+
+def read_layout(source: str | Path) -> Layout:
+    """Return the layout that a TOML file describes, or a preset by its name.
+
+    Parameters
+    ----------
+    source : str or path
+        A file, or one of `PRESETS`.
+
+    Raises
+    ------
+    InputError
+        One line that names the file and the key: what is wrong, and what is possible.
+    """
+    if isinstance(source, str) and source in PRESETS:
+        return layout_of((_PRESETS / f"{source}.toml").read_text(encoding="utf-8"), source)
+    path = Path(source)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        raise InputError(
+            f"{path}: no description of packets can be read there; presets are {', '.join(PRESETS)}"
+        ) from None
+    return layout_of(text, path.name)
+
+
+def layout_of(text: str, name: str) -> Layout:
+    """Return the layout that a TOML text describes.
+
+    Parameters
+    ----------
+    text : str
+    name : str
+        Before what is found to be wrong.
+
+    Raises
+    ------
+    InputError
+        As `read_layout`.
+    """
+    try:
+        content = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{name}: no TOML: {error}") from None
+    try:
+        return _layout(content, name)
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from None
+
+
+def _layout(content: dict[str, Any], name: str) -> Layout:
+    _accept(content, "")
+    for section, value in content.items():
+        for part in value if section == "frame" else [value]:
+            if isinstance(part, dict) or section == "frame":
+                _accept(part, section)
+    frames = _frames(content)
+    roles = {field.role for field in frames[0].fields}
+    rate = _at("rate", lambda: parse(content["rate"], "Hz").value) if "rate" in content else None
+    if rate is not None and rate <= 0:
+        raise InputError(f"rate: {content['rate']!r}; it must be above 0")
+    carried = {
+        "accelerometer": roles & set(AXES[:3]),
+        "gyro": roles & set(AXES[3:]),
+        "temperature": {f.role for frame in frames for f in frame.fields} & {"temperature"},
+        "time": roles & {"time"},
+    }
+    if not carried["accelerometer"] | carried["gyro"]:
+        raise InputError(f"no reading in the packet; there are {', '.join(AXES)}")
+    scales = {
+        section: _scale(section, content.get(section), rate) if wanted else Scale()
+        for section, wanted in carried.items()
+    }
+    counter = content.get("counter", {})
+    step = float(counter.get("step", 1))
+    if "counter" not in roles:
+        step = 1 / (rate * scales["time"].size) if rate and "time" in roles else 0.0
+    elif step < 1:
+        raise InputError(f"[counter] step: {counter['step']}; it must be 1 or more")
+    status = content.get("status", {})
+    mask = status.get("mask", 0)
+    return Layout(
+        name=name.removesuffix(".toml"),
+        about=content.get("about", ""),
+        frames=frames,
+        rate_hz=rate,
+        step=step,
+        wraps=_wraps(content, frames[0], scales["time"]),
+        status_good=(mask, status.get("good", 0) & mask),
+        **scales,
+    )
+
+
+def _accept(part: Any, section: str) -> None:
+    """Refuse a key that is none, or a value of another type."""
+    where, keys = f"[{section}] " if section else "", _KEYS[section]
+    if not isinstance(part, dict):
+        raise InputError(f"[[{section}]]: give sections, with {', '.join(keys)}")
+    for key, value in cast(dict[str, Any], part).items():
+        if key not in keys:
+            raise InputError(f"unknown key {where}{key}; possible here: {', '.join(keys)}")
+        wanted = keys[key]
+        if not isinstance(value, wanted) or isinstance(value, bool):
+            raise InputError(f"{where}{key}: {value!r}; give {_SORTS[wanted]}")
+
+
+def _at(key: str, made: Callable[[], T]) -> T:
+    """Put the key before what is found to be wrong."""
+    try:
+        return made()
+    except InputError as error:
+        raise InputError(f"{key}: {error}") from None
+
+
+def _frames(content: dict[str, Any]) -> tuple[Frame, ...] | tuple[Line]:
+    if ("line" in content) == ("frame" in content):
+        raise InputError("give either a line of text, line = …, or binary packets, [[frame]]")
+    if "line" in content:
+        return (_at("line", lambda: read_line(content["line"])),)
+    order = content.get("byte_order")
+    if order not in (None, "big", "little"):
+        raise InputError(f'byte_order: {order!r}; it is "big" or "little"')
+    frames = tuple(_at("[frame] packet", lambda f=f: _frame(f, order)) for f in content["frame"])
+    if not frames:
+        raise InputError("[[frame]] is missing")
+    for frame in frames[1:]:
+        differ = {f[:3] for f in frame.fields} ^ {f[:3] for f in frames[0].fields}
+        roles = {role for role, _, _ in differ} - {"temperature", "status"}
+        if roles:
+            raise InputError(
+                f"[frame] packet: {', '.join(sorted(roles))} in one packet and not the same in "
+                "another; only temperature and status may be"
+            )
+    return frames
+
+
+def _frame(section: dict[str, Any], order: str | None) -> Frame:
+    for key in ("packet", "length"):
+        if key not in section:
+            raise InputError(f"[frame] {key} is missing")
+    frame = read_frame(section["packet"], order)
+    if frame.length != section["length"]:
+        raise InputError(f"it has {frame.length} bytes and length says {section['length']}")
+    return frame
+
+
+def _scale(section: str, given: dict[str, Any] | None, rate: float | None) -> Scale:
+    """Return what the values of a channel mean."""
+    like, increment, example = _LIKE[section]
+    if given is None or "scale" not in given:
+        raise InputError(f'[{section}] scale is missing; such as "{example}"')
+    key = f"[{section}] scale"
+    number, unit = _at(key, lambda: _product(given["scale"], example))
+    zero = 0.0
+    if section == "temperature":
+        stated = given.get("zero", "0 °C" if "C" in unit or "℃" in unit else "0 K")
+        zero = _at("[temperature] zero", lambda: parse(stated, "K").value)
+        unit = "K" if "C" in unit or "℃" in unit else unit
+    size = _at(key, lambda: number * _unit(unit, like, increment, rate))
+    if not (math.isfinite(size) and size):
+        raise InputError(f"{key}: {given['scale']!r} is no size of a step")
+    full = given.get("full_scale")
+    return Scale(
+        size,
+        zero,
+        math.inf
+        if full is None
+        else _at(f"[{section}] full_scale", lambda: parse(full, like).value),
+        _codes(section, given.get("invalid", [])),
+    )
+
+
+def _product(text: str, example: str) -> tuple[float, str]:
+    """Return number and unit of "16/32768 g" or "2^-33 rad"."""
+    found = _SCALE.fullmatch(text.strip())
+    terms = [term.strip() for term in found[1].split("/")] if found else []
+    if found is None or not all(_TERM.fullmatch(term) for term in terms):
+        raise InputError(f'{text!r} is no number with a unit, such as "{example}" or "2^-33 rad"')
+    powers = [2.0 ** int(t[2:]) if t.startswith("2^") else float(t) for t in terms]
+    first, *others = powers
+    if not all(others):
+        raise InputError(f"{text!r} divides by 0")
+    return first / math.prod(others), found[2]
+
+
+def _unit(unit: str, like: str, increment: str | None, rate: float | None) -> float:
+    """Return the size of a unit in SI, an increment's times the rate."""
+    if increment is None:
+        return factor(unit, like)
+    try:
+        size = factor(unit, increment)
+    except InputError:
+        try:
+            return factor(unit, like)
+        except InputError as error:
+            raise InputError(f"{error}, or an increment in {increment} with a rate") from None
+    if rate is None:
+        raise InputError(f'{unit!r} is an increment and needs the rate, such as rate = "100 Hz"')
+    return size * rate
+
+
+def _codes(section: str, codes: list[Any]) -> tuple[float, ...]:
+    if not all(isinstance(code, int) and not isinstance(code, bool) for code in codes):
+        raise InputError(f"[{section}] invalid: {codes!r}; give raw values, such as [-32768]")
+    return tuple(float(code) for code in codes)
+
+
+def _wraps(content: dict[str, Any], frame: Frame | Line, time: Scale) -> dict[str, float]:
+    """Return where counter and time start again: as stated, else by their width."""
+    wraps = {f.role: 2.0**f.bits for f in frame.fields if 0 < f.bits < 64}
+    if "wraps" in content.get("counter", {}):
+        wraps["counter"] = float(content["counter"]["wraps"])
+    if "wraps" in content.get("time", {}):
+        stated = content["time"]["wraps"]
+        wraps["time"] = _at("[time] wraps", lambda: parse(stated, "s").value) / time.size
+    return {role: wraps.get(role, 0.0) for role in ("counter", "time")}

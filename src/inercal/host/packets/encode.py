@@ -1,0 +1,162 @@
+"""Makes the bytes that a device would send of readings: the simulator's way back."""
+
+from string import Formatter
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from inercal.errors import InputError
+from inercal.host.packets.layout import Layout
+from inercal.host.packets.picture import AXES, Field, Frame, Line
+
+_CODE = {"d": (-(10**18) + 1, 10**18 - 1), "x": (0, 2**32 - 1)}
+
+
+def encode(
+    layout: Layout,
+    readings: ArrayLike,
+    counter: ArrayLike | None = None,
+    time: ArrayLike | None = None,
+    temperature: ArrayLike | None = None,
+    status: ArrayLike = 0,
+) -> bytes:
+    """Return packets, rounded as the layout says.
+
+    A reading beyond the full scale, or beyond what its type holds, is sent at that limit; counter
+    and time start again where they wrap.
+
+    Parameters
+    ----------
+    layout : Layout
+    readings : (n, 6) array
+        m/s² and rad/s, finite in the channels of the layout.
+    counter : (n,) array of int, optional
+        From 0 on, by the layout's step, where it is left out.
+    time : (n,) array, optional
+        s; needed where packets carry it.
+    temperature : (n,) array, optional
+        K; needed where all packets carry it. NaN takes a packet without.
+    status : (n,) array of int or int
+
+    Raises
+    ------
+    InputError
+        A shape that is not (n, 6), or a channel that the packets carry and that is not given.
+    """
+    readings = np.asarray(readings, np.float64)
+    if readings.ndim != 2 or readings.shape[1] != len(AXES):
+        raise InputError(f"readings {readings.shape}; give (n, {len(AXES)}): {', '.join(AXES)}")
+    n = len(readings)
+    given: dict[str, NDArray[Any]] = {role: readings[:, k] for k, role in enumerate(AXES)}
+    given["status"] = np.broadcast_to(np.asarray(status, np.int64), n)
+    counted = np.arange(n) * int(layout.step) if counter is None else np.asarray(counter, np.int64)
+    wraps = int(layout.wraps["counter"])
+    given["counter"] = counted % wraps if wraps else counted
+    for role, values in {"time": time, "temperature": temperature}.items():
+        if values is not None:
+            given[role] = np.broadcast_to(np.asarray(values, np.float64), n)
+    warm = np.isfinite(given["temperature"]) if "temperature" in given else np.zeros(n, bool)
+    first = layout.frames[0]
+    if isinstance(first, Line):
+        return _lines(layout, first, given, n)
+    kinds = [
+        next(
+            (
+                k
+                for k, frame in enumerate(layout.frames)
+                if ("temperature" in {f.role for f in frame.fields}) == carries
+            ),
+            0,
+        )
+        for carries in (False, True)
+    ]
+    kind = np.where(warm, kinds[1], kinds[0])
+    frames = [frame for frame in layout.frames if isinstance(frame, Frame)]
+    lengths = np.array([frame.length for frame in frames])[kind]
+    begins = np.cumsum(lengths) - lengths
+    out = np.zeros(int(lengths.sum()), np.uint8)
+    for k, frame in enumerate(frames):
+        rows = np.flatnonzero(kind == k)
+        if rows.size:
+            out[begins[rows][:, None] + np.arange(frame.length)] = _records(
+                layout, frame, {role: values[rows] for role, values in given.items()}, rows.size
+            )
+    return out.tobytes()
+
+
+def _raw(layout: Layout, field: Field, given: dict[str, NDArray[Any]]) -> NDArray[Any]:
+    """Return raw values of a field, rounded where it takes whole numbers."""
+    if field.role not in given:
+        raise InputError(f"packets of {layout.name!r} carry {field.role}; give it")
+    values, scale = given[field.role], layout.scale(field.role)
+    if field.role in ("counter", "status"):
+        return values * int(field.sign)
+    if not np.isfinite(values).all():
+        raise InputError(f"packets of {layout.name!r} carry {field.role}; it is not finite")
+    raw = (np.clip(values, -scale.full_scale, scale.full_scale) - scale.zero) / scale.size
+    raw = raw * field.sign
+    if field.role == "time" and layout.wraps["time"]:
+        raw = (np.rint(raw) if field.bits else raw) % layout.wraps["time"]
+    if field.type[-1] == "d":
+        return np.clip(np.rint(raw), *_CODE["d"]).astype(np.int64)
+    if not field.bits:
+        return raw
+    low, high = (-(2.0 ** (field.bits - 1)), 2.0 ** (field.bits - 1) - 1)
+    if field.type[0] == "u":
+        low, high = 0.0, 2.0**field.bits - 1
+    # The largest integer of 64 bits is not a float: the largest float below it stands for it.
+    high = np.nextafter(high + 1, 0) if field.bits == 64 else high
+    return np.clip(np.rint(raw), low, high)
+
+
+def _records(
+    layout: Layout, frame: Frame, given: dict[str, NDArray[Any]], n: int
+) -> NDArray[np.uint8]:
+    """Return packets of one kind, (n, length)."""
+    rows = np.zeros((n, frame.length), np.uint8)
+    for offset, value in frame.constants:
+        rows[:, offset] = value
+    records = rows.view(frame.dtype)[:, 0]
+    for field in frame.fields:
+        raw = _raw(layout, field, given)
+        if field.bits == 24:
+            whole = raw.astype(np.int64)
+            shifts = (16, 8, 0) if frame.orders[field.role] == "big" else (0, 8, 16)
+            raw = np.stack([whole >> shift & 0xFF for shift in shifts], axis=-1)
+        records[field.role] = raw
+    for check in frame.checks:
+        starts = np.arange(n) * frame.length
+        value = check.kind.of_spans(rows.reshape(-1), starts + check.start, starts + check.at)
+        size = check.kind.bits // 8
+        for k in range(size):
+            place = size - 1 - k if check.order == "big" else k
+            rows[:, check.at + place] = value >> np.uint32(8 * k) & np.uint32(0xFF)
+    return rows
+
+
+def _lines(layout: Layout, line: Line, given: dict[str, NDArray[Any]], n: int) -> bytes:
+    """Return lines of text."""
+    columns = {field.role: _raw(layout, field, given).tolist() for field in line.fields}
+    parts = list(Formatter().parse(line.text))
+    lines = list[str]()
+    for k in range(n):
+        text = ""
+        for literal, name, spec, _ in parts:
+            if name is None or name == "_":
+                text += literal + (spec or "")
+            elif "@" in name:
+                text += literal + format(_check_of(line, text), str(spec))
+            else:
+                role = name.removeprefix("-")
+                text += literal + format(columns[role][k], str(spec))
+        lines.append(text)
+    return "".join(f"{text}\r\n" for text in lines).encode()
+
+
+def _check_of(line: Line, text: str) -> int:
+    """Return the check of what a line holds so far."""
+    (check,) = line.checks
+    data = np.frombuffer(text.encode(), np.uint8)
+    ends = np.array([check.start]), np.array([data.size])
+    return int(check.kind.of_spans(data, *ends)[0])

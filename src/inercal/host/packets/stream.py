@@ -1,0 +1,275 @@
+"""Turns the bytes of a device into readings, as they arrive or from a file.
+
+However the bytes are cut, the packets are the same bit for bit. Garbage raises nothing: it is
+thrown away and counted.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.errors import InputError
+from inercal.host.packets import binary, text
+from inercal.host.packets.binary import Found
+from inercal.host.packets.layout import Layout
+from inercal.host.packets.picture import AXES, Frame, Line
+from inercal.host.packets.sequence import Flag, Sequence, marked
+
+Array = NDArray[np.float64]
+Number = TypeVar("Number", np.int64, np.float64)
+_BLOCK = 1 << 20  # bytes at a time: what is made of them stays in the processor's cache
+
+
+@dataclass(frozen=True)
+class Counts:
+    """What became of the bytes of a stream.
+
+    Parameters
+    ----------
+    packets : int
+        Taken.
+    thrown : int
+        Bytes that belong to no packet.
+    failed : int
+        Packets with the right form and a wrong check; their bytes are among those thrown away.
+    lost : int
+        Packets that are missing by the counter, or by the time where that is what tells.
+    repeated, out_of_order : int
+        Packets with the counter of the one before, or a lower one.
+    """
+
+    packets: int = 0
+    thrown: int = 0
+    failed: int = 0
+    lost: int = 0
+    repeated: int = 0
+    out_of_order: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Packets:
+    """Readings in SI.
+
+    Parameters
+    ----------
+    readings : (n, 6) array
+        ax, ay, az in m/s²; gx, gy, gz in rad/s; NaN where the packet has none, or an invalid one.
+    counter : (n,) array of int or None
+        Counted on; None where packets have no counter.
+    time : (n,) array or None
+        s by the device's clock, counted on; None where packets have no time.
+    temperature : (n,) array
+        K; NaN in packets without.
+    status : (n,) array of int
+        Of the device; 0 in packets without.
+    flags : (n,) array of uint8
+        Bits of `Flag`.
+    """
+
+    readings: Array
+    counter: NDArray[np.int64] | None
+    time: Array | None
+    temperature: Array
+    status: NDArray[np.int64]
+    flags: NDArray[np.uint8]
+
+    def __len__(self) -> int:
+        return self.flags.size
+
+
+def joined(parts: Iterable[Packets]) -> Packets:
+    """Return packets of one stream one after the other.
+
+    Raises
+    ------
+    InputError
+        No part.
+    """
+    parts = list(parts)
+    if not parts:
+        raise InputError("no packets to join")
+    return Packets(
+        np.concatenate([part.readings for part in parts]),
+        _along([part.counter for part in parts]),
+        _along([part.time for part in parts]),
+        np.concatenate([part.temperature for part in parts]),
+        np.concatenate([part.status for part in parts]),
+        np.concatenate([part.flags for part in parts]),
+    )
+
+
+def _along(columns: list[NDArray[Number] | None]) -> NDArray[Number] | None:
+    there = [column for column in columns if column is not None]
+    return np.concatenate(there) if there else None
+
+
+class Decoder:
+    r"""Decodes one stream.
+
+    Parameters
+    ----------
+    layout : Layout
+    mid_stream : bool
+        The first byte is not the first of a packet. The first line of a text without a check is
+        then left out: cut short, "123.4" is read as "3.4".
+
+    Attributes
+    ----------
+    counts : Counts
+        So far.
+    pending : int
+        Bytes that may belong to a packet that has not arrived as a whole.
+
+    Examples
+    --------
+    >>> from inercal.host.packets import read_layout
+    >>> decoder = Decoder(read_layout("ascii"))
+    >>> decoder.feed(b"7,0.5,0.1,0.2,9.8,0,0,0,25.0\r\n8,").readings[:, 2]
+    array([9.8])
+    >>> decoder.pending
+    2
+    """
+
+    def __init__(self, layout: Layout, mid_stream: bool = False):
+        self.layout = layout
+        self.counts = Counts()
+        self._held = b""
+        first = layout.frames[0]
+        self._skip_line = mid_stream and isinstance(first, Line) and first.may_be_cut
+        told = layout.sequence
+        self._sequences = {
+            role: Sequence(modulus, layout.step if role == told else 0.0)
+            for role, modulus in layout.wraps.items()
+        }
+
+    @property
+    def pending(self) -> int:
+        """Bytes that are held back."""
+        return len(self._held)
+
+    def feed(self, data: bytes) -> Packets:
+        """Return the packets that `data` completes; raises nothing, whatever the bytes are."""
+        if len(data) > _BLOCK:
+            cuts = range(0, len(data), _BLOCK)
+            return joined(self.feed(data[cut : cut + _BLOCK]) for cut in cuts)
+        if self._skip_line:
+            skipped = data.find(b"\n") + 1 or len(data)
+            self._skip_line = not data[:skipped].endswith(b"\n")
+            self.counts = replace(self.counts, thrown=self.counts.thrown + skipped)
+            data = data[skipped:]
+        buffer = self._held + bytes(data)
+        first, *_ = frames = self.layout.frames
+        if isinstance(first, Line):
+            found = text.find(buffer, first)
+        else:
+            found = binary.find(buffer, tuple(f for f in frames if isinstance(f, Frame)))
+        self._held = buffer[found.used :]
+        return self._packets(found)
+
+    def _packets(self, found: Found) -> Packets:
+        """Return readings in SI and count them."""
+        n, layout, raw = found.packets, self.layout, found.raw
+        flags = np.zeros(n, np.uint8)
+        readings = np.full((n, len(AXES)), np.nan)
+        signs = {field.role: field.sign for frame in layout.frames for field in frame.fields}
+        for k, role in enumerate(AXES):
+            if role in raw:
+                flags |= _scaled(layout, role, signs[role], raw[role], readings[:, k])
+        temperature = np.full(n, np.nan)
+        if "temperature" in raw:
+            flags |= _scaled(
+                layout, "temperature", signs["temperature"], raw["temperature"], temperature
+            )
+        status = np.nan_to_num(raw.get("status", np.zeros(n, np.int64))).astype(np.int64)
+        mask, good = layout.status_good
+        if "status" in raw:
+            flags |= marked(status & mask != good, Flag.STATUS)
+        counter = self._followed("counter", raw, np.int64, flags)
+        ticks = self._followed("time", raw, np.float64, flags)
+        self.counts = replace(
+            self.counts,
+            packets=self.counts.packets + n,
+            thrown=self.counts.thrown + found.used - found.taken,
+            failed=self.counts.failed + found.failed,
+            repeated=self.counts.repeated + _number(flags, Flag.REPEATED),
+            out_of_order=self.counts.out_of_order + _number(flags, Flag.OUT_OF_ORDER),
+        )
+        time = None if ticks is None else ticks * layout.time.size
+        return Packets(readings, counter, time, temperature, status, flags)
+
+    def _followed(
+        self, role: str, raw: binary.Raw, kind: type[Number], flags: NDArray[np.uint8]
+    ) -> NDArray[Number] | None:
+        """Count on a counter or clock, and mark and count what is missing."""
+        if role not in raw:
+            return None
+        values = raw[role].astype(kind)
+        found = self._sequences[role].follow(values)
+        flags |= found.flags
+        self.counts = replace(self.counts, lost=self.counts.lost + found.lost)
+        return found.values
+
+
+def read_log(path: str | Path, layout: Layout) -> tuple[Packets, Counts]:
+    """Return the packets of a file of a device's bytes, and what became of the others.
+
+    Parameters
+    ----------
+    path : path
+    layout : Layout
+
+    Returns
+    -------
+    packets : Packets
+    counts : Counts
+        An incomplete packet at the end is among the bytes thrown away.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read, or one without any packet.
+    """
+    decoder = Decoder(layout)
+    try:
+        with Path(path).open("rb") as file:
+            parts = [decoder.feed(chunk) for chunk in iter(lambda: file.read(_BLOCK), b"")]
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}") from None
+    counts = replace(decoder.counts, thrown=decoder.counts.thrown + decoder.pending)
+    if not counts.packets:
+        raise InputError(
+            f"{path}: no packet of {layout.name!r} in {counts.thrown} bytes"
+            + (f"; {counts.failed} have the form and a wrong check" if counts.failed else "")
+        )
+    return joined(parts), counts
+
+
+def _number(flags: NDArray[np.uint8], flag: Flag) -> int:
+    return int(np.count_nonzero(flags & flag))
+
+
+def _scaled(
+    layout: Layout, role: str, sign: float, raw: NDArray[Any], out: Array
+) -> NDArray[np.uint8]:
+    """Write a channel in SI to `out`, and return flags."""
+    scale = layout.scale(role)
+    with np.errstate(all="ignore"):  # a device may send NaN or infinity as a real number
+        np.multiply(raw, sign * scale.size, out=out, casting="unsafe")
+        if scale.zero:
+            out += scale.zero
+        flags = np.zeros(out.size, np.uint8)
+        if np.isfinite(scale.full_scale):
+            field = next(f for frame in layout.frames for f in frame.fields if f.role == role)
+            # Rounding of 32-bit numbers is 6e-8 of the value.
+            margin = max(1.001 * layout.quantum(field), 1e-6 * scale.full_scale)
+            flags |= marked(np.abs(out) >= scale.full_scale - margin, Flag.SATURATED)
+    if scale.invalid or raw.dtype.kind == "f":
+        invalid = np.isin(raw, scale.invalid) | ~np.isfinite(out)
+        out[invalid] = np.nan
+        if role != "temperature":
+            flags |= marked(invalid, Flag.INVALID)
+    return flags
