@@ -79,12 +79,14 @@ class Layout:
 
     @property
     def check_bits(self) -> int:
-        """Bits of the checks of a packet, of the packet with the fewest."""
-        return min(sum(check.kind.bits for check in frame.checks) for frame in self.frames)
+        """Bits of the weakest check; 0 without any. Where there are several, each has its part."""
+        return min(
+            min((check.kind.bits for check in frame.checks), default=0) for frame in self.frames
+        )
 
     @property
     def false_acceptance(self) -> float:
-        """Probability that a packet whose checked bytes are random is taken for a good one."""
+        """Probability that a packet with changed bytes is taken for a good one, at most."""
         return 2.0**-self.check_bits
 
     @property
@@ -95,13 +97,13 @@ class Layout:
         --------
         >>> from inercal.host.packets import read_layout
         >>> read_layout("vn100").protection
-        'CRC-16/XMODEM: 1 random packet in 65536 passes'
+        'CRC-16/XMODEM: 1 changed packet in 65536 passes'
         """
         if not self.check_bits:
             return "none: any packet of the right form passes"
-        checks = min((frame.checks for frame in self.frames), key=len)
-        words = " and ".join(check.kind.words for check in checks)
-        return f"{words}: 1 random packet in {2**self.check_bits} passes"
+        checks = self.frames[0].checks
+        words = checks[0].kind.words + (" on each part" if len(checks) > 1 else "")
+        return f"{words}: 1 changed packet in {2**self.check_bits} passes"
 
     def scale(self, role: str) -> Scale:
         """Return what the raw values of a role mean."""

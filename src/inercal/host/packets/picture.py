@@ -129,7 +129,7 @@ class Line:
             if name is not None and "@" in name:  # the separator is not covered
                 covered += re.escape(literal[:-1].encode())
                 digits = self.checks[0].kind.bits // 4
-                rest = re.escape(literal[-1:].encode()) + rb"([0-9A-Fa-f]{%d})" % digits
+                rest = re.escape(literal[-1:].encode()) + rb"([0-9a-f]{%d})" % digits
             elif rest:
                 rest += re.escape(literal.encode()) + (b"" if name is None else value)
             else:

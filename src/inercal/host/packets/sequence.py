@@ -63,9 +63,8 @@ class Sequence:
         if not raw.size:
             return Followed(raw, flags, 0)
         before = np.concatenate([raw[:1] if self._last is None else [self._last], raw[:-1]])
+        step = np.subtract(raw, before, dtype=np.float64)
         # A clock that is a real number may come out of a false packet as NaN or beyond all sense.
-        with np.errstate(invalid="ignore", over="ignore"):
-            step = np.subtract(raw, before, dtype=np.float64)
         step = np.where(np.abs(step) < _SENSIBLE, step, 0.0)
         values = raw
         if self.modulus:

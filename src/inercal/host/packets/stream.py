@@ -170,6 +170,7 @@ class Decoder:
         self._held = buffer[found.used :]
         return self._packets(found)
 
+    @np.errstate(invalid="ignore", over="ignore")  # real numbers may be NaN, or beyond all sense
     def _packets(self, found: Found) -> Packets:
         """Return readings in SI and count them."""
         n, layout, raw = found.packets, self.layout, found.raw
@@ -257,16 +258,15 @@ def _scaled(
 ) -> NDArray[np.uint8]:
     """Write a channel in SI to `out`, and return flags."""
     scale = layout.scale(role)
-    with np.errstate(all="ignore"):  # a device may send NaN or infinity as a real number
-        np.multiply(raw, sign * scale.size, out=out, casting="unsafe")
-        if scale.zero:
-            out += scale.zero
-        flags = np.zeros(out.size, np.uint8)
-        if np.isfinite(scale.full_scale):
-            field = next(f for frame in layout.frames for f in frame.fields if f.role == role)
-            # Rounding of 32-bit numbers is 6e-8 of the value.
-            margin = max(1.001 * layout.quantum(field), 1e-6 * scale.full_scale)
-            flags |= marked(np.abs(out) >= scale.full_scale - margin, Flag.SATURATED)
+    np.multiply(raw, sign * scale.size, out=out, casting="unsafe")
+    if scale.zero:
+        out += scale.zero
+    flags = np.zeros(out.size, np.uint8)
+    if np.isfinite(scale.full_scale):
+        field = next(f for frame in layout.frames for f in frame.fields if f.role == role)
+        # Rounding of 32-bit numbers is 6e-8 of the value.
+        margin = max(1.001 * layout.quantum(field), 1e-6 * scale.full_scale)
+        flags |= marked(np.abs(out) >= scale.full_scale - margin, Flag.SATURATED)
     if scale.invalid or raw.dtype.kind == "f":
         invalid = np.isin(raw, scale.invalid) | ~np.isfinite(out)
         out[invalid] = np.nan
