@@ -65,6 +65,7 @@ def test_every_run_file_of_the_examples_is_run_by_a_test():
     run |= {"rate_table/ship.toml"}  # by tests/test_rate_table_runs.py
     run |= {"rate_table/ship_recording.toml"}  # by tests/test_rate_table_simulated.py
     run |= {"turntable/mimu.toml", "turntable/two_clocks.toml"}
+    run |= {"bench/packets.toml"}  # by tests/host/packets/test_page.py
     run |= {f"dividing_head/{name}.toml" for name in ("pair", "lab", "tumble")}
     assert found == run | {f"ferraris_recordings/{name}.toml" for name in SESSIONS}
 

@@ -19,7 +19,7 @@ PRESETS = tuple(
 )
 
 # What each section takes, by key; a channel's section may be left out where its roles are.
-_KEYS: Mapping[str, Mapping[str, type]] = {
+KEYS: Mapping[str, Mapping[str, type]] = {
     "": {
         "about": str,
         "byte_order": str,
@@ -148,7 +148,7 @@ def _layout(content: dict[str, Any], name: str) -> Layout:
 
 def _accept(part: Any, section: str) -> None:
     """Refuse a key that is none, or a value of another type."""
-    where, keys = f"[{section}] " if section else "", _KEYS[section]
+    where, keys = f"[{section}] " if section else "", KEYS[section]
     if not isinstance(part, dict):
         raise InputError(f"[[{section}]]: give sections, with {', '.join(keys)}")
     for key, value in cast(dict[str, Any], part).items():

@@ -8,7 +8,7 @@ A binary picture is a row of words:
 - `crc16-xmodem@1`: a check over the bytes from 1 (counted from 0) up to the check itself.
 
 Types are u, i (8, 16, 24, 32, 64 bits) and f (32, 64); `:be` or `:le` behind a field or check
-departs from the byte order of the packet.
+departs from the byte order of the packet. Remarks go from # to the end of their line.
 
 A line of text is a Python format: `{ax:.6f}` a number with six decimals, `{counter:d}` a whole one,
 `{status:08x}` a hexadecimal one, `{_:0}` anything (written as 0), `{crc32-novatel@1:08x}` a check
@@ -177,7 +177,7 @@ def read_frame(text: str, order: str | None) -> Frame:
             raise InputError(f'{word!r} has no byte order; give byte_order = "little" or "big"')
         return {"be": "big", "le": "little"}[own] if own else order or "little"
 
-    for word in text.split():
+    for word in re.sub("#.*", "", text).split():
         if _BYTE.fullmatch(word):
             constants.append((at, int(word, 16)))
             at += 1

@@ -268,7 +268,9 @@ def _scaled(
         margin = max(1.001 * layout.quantum(field), 1e-6 * scale.full_scale)
         flags |= marked(np.abs(out) >= scale.full_scale - margin, Flag.SATURATED)
     if scale.invalid or raw.dtype.kind == "f":
-        invalid = np.isin(raw, scale.invalid) | ~np.isfinite(out)
+        invalid = ~np.isfinite(out)
+        if scale.invalid:
+            invalid |= np.isin(raw, scale.invalid)
         out[invalid] = np.nan
         if role != "temperature":
             flags |= marked(invalid, Flag.INVALID)
