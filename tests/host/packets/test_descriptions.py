@@ -49,7 +49,7 @@ def test_presets_say_what_they_are_and_how_protected(name: str):
         ("rate", "rates", "unknown key rates; possible here: about, byte_order, rate, line, frame"),
         ("zero", "offset", "unknown key [temperature] offset; possible here: scale, zero, invalid"),
         ("length = 11", "len = 11", "unknown key [frame] len; possible here: packet, length"),
-        ("length = 11", "", "[frame] packet: [frame] length is missing"),
+        ("length = 11", "", "own.toml: [frame] length is missing"),
         ("length = 11", "length = 12", "[frame] packet: it has 11 bytes and length says 12"),
         ("length = 11", 'length = "11"', "[frame] length: '11'; give a whole number"),
         ("AA 55", "", "[frame] packet: no sync: a packet begins with one fixed byte or more"),
@@ -124,6 +124,12 @@ def test_a_wrong_line_is_refused_in_one_line(old: str, new: str, message: str):
 def test_packets_of_one_stream_have_the_same_readings():
     other = '[[frame]]\nlength = 3\npacket = "AA 56 ax:i8"\n'
     with pytest.raises(InputError, match="ax, counter, gx in one packet and not the same"):
+        layout_of(GOOD.replace("[accelerometer]", f"{other}[accelerometer]"), "own.toml")
+
+
+def test_packets_of_one_stream_are_told_apart_by_a_fixed_byte():
+    other = '[[frame]]\nlength = 4\npacket = "AA 55 counter:u8 ax:i8"\n'
+    with pytest.raises(InputError, match="no fixed byte tells one packet from another"):
         layout_of(GOOD.replace("[accelerometer]", f"{other}[accelerometer]"), "own.toml")
 
 

@@ -48,7 +48,10 @@ def test_the_page_lists_every_flag():
 def test_the_page_names_every_key_role_and_check():
     keys, section = dict[str, set[str]](), ""
     for row in rows(4):
-        section = row[0].strip("`[]-") or section
+        if row[1] == "key":
+            section = ""
+        elif row[0].startswith("`"):
+            section = row[0].strip("`[]")
         if row[1].startswith("`"):
             keys.setdefault(section, set()).add(row[1].strip("`"))
     of_sections = {name: set(KEYS[name]) for name in KEYS if name not in ("", "frame")}

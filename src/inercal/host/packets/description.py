@@ -5,6 +5,7 @@ import re
 import tomllib
 from collections.abc import Callable, Mapping
 from importlib.resources import files
+from itertools import combinations
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -175,9 +176,11 @@ def _frames(content: dict[str, Any]) -> tuple[Frame, ...] | tuple[Line]:
     order = content.get("byte_order")
     if order not in (None, "big", "little"):
         raise InputError(f'byte_order: {order!r}; it is "big" or "little"')
-    frames = tuple(_at("[frame] packet", lambda f=f: _frame(f, order)) for f in content["frame"])
+    frames = tuple(_frame(section, order) for section in content["frame"])
     if not frames:
         raise InputError("[[frame]] is missing")
+    if any(not _told_apart(*pair) for pair in combinations(frames, 2)):
+        raise InputError("[frame] packet: no fixed byte tells one packet from another")
     for frame in frames[1:]:
         differ = {f[:3] for f in frame.fields} ^ {f[:3] for f in frames[0].fields}
         roles = {role for role, _, _ in differ} - {"temperature", "status"}
@@ -193,10 +196,18 @@ def _frame(section: dict[str, Any], order: str | None) -> Frame:
     for key in ("packet", "length"):
         if key not in section:
             raise InputError(f"[frame] {key} is missing")
-    frame = read_frame(section["packet"], order)
+    frame = _at("[frame] packet", lambda: read_frame(section["packet"], order))
     if frame.length != section["length"]:
-        raise InputError(f"it has {frame.length} bytes and length says {section['length']}")
+        raise InputError(
+            f"[frame] packet: it has {frame.length} bytes and length says {section['length']}"
+        )
     return frame
+
+
+def _told_apart(one: Frame, other: Frame) -> bool:
+    """Whether a fixed byte of one packet is another in the other: else the longer would hide."""
+    fixed = dict(other.constants)
+    return any(fixed.get(offset, value) != value for offset, value in one.constants)
 
 
 def _scale(section: str, given: dict[str, Any] | None, rate: float | None) -> Scale:
