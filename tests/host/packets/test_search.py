@@ -45,3 +45,11 @@ def test_packets_are_those_that_a_search_byte_by_byte_finds(seed: int):
         packets, counts = fed(LAYOUT, *pieces)
         assert packets.readings[:, 0].tolist() == expected
         assert counts.thrown + taken == pytest.approx(len(data), abs=5)  # an open end
+
+
+def test_the_last_byte_of_a_packet_that_was_taken_begins_no_other():
+    data = bytes.fromhex("A50200A401A5 01050006")  # A5 01 05 00 06 would be right by itself
+    for cut in range(len(data)):
+        packets, counts = fed(LAYOUT, data[:cut], data[cut:])
+        assert packets.readings[:, 0].tolist() == [0xA4]
+        assert counts.thrown == 4

@@ -131,6 +131,17 @@ def test_full_scale_status_and_codes_without_a_reading_are_marked():
     assert np.isnan(packets.readings[4, 3])
 
 
+def test_a_packet_that_has_no_status_is_not_marked_for_it():
+    text = (
+        'byte_order = "big"\n[[frame]]\nlength = 4\npacket = "A5 01 ax:i8 status:u8"\n'
+        '[[frame]]\nlength = 3\npacket = "A5 02 ax:i8"\n[status]\nmask = 1\ngood = 1\n'
+        '[accelerometer]\nscale = "1 g"\n'
+    )
+    packets, _ = fed(layout_of(text, "own"), bytes.fromhex("A5010001 A50200 A5010000"))
+    assert packets.flags.tolist() == [0, 0, Flag.STATUS]
+    assert packets.status.tolist() == [1, 0, 0]
+
+
 def test_integers_of_24_bits_keep_sign_and_byte_order():
     text = (
         'byte_order = "big"\n[[frame]]\nlength = 7\npacket = "93 ax:i24 ay:i24:le"\n'

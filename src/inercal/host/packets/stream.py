@@ -185,10 +185,12 @@ class Decoder:
             flags |= _scaled(
                 layout, "temperature", signs["temperature"], raw["temperature"], temperature
             )
-        status = np.nan_to_num(raw.get("status", np.zeros(n, np.int64))).astype(np.int64)
-        mask, good = layout.status_good
+        status, stated = np.zeros(n, np.int64), np.zeros(n, bool)
         if "status" in raw:
-            flags |= marked(status & mask != good, Flag.STATUS)
+            stated = np.isfinite(raw["status"])  # where packets of several kinds come
+            status[stated] = raw["status"][stated].astype(np.int64)
+        mask, good = layout.status_good
+        flags |= marked(stated & (status & mask != good), Flag.STATUS)
         counter = self._followed("counter", raw, np.int64, flags)
         ticks = self._followed("time", raw, np.float64, flags)
         self.counts = replace(
