@@ -1,0 +1,210 @@
+"""Byte links to devices, opened by address: `tcp://10.0.0.5:1025`, `serial:/dev/ttyS0?baud=9600`.
+
+A link carries bytes and nothing else; what they mean is a codec's business. A serial port is what
+pyserial opens, a pseudo-terminal among them: no modem line (CTS, DSR) is ever asked, since a
+pseudo-terminal has none and says ENOTTY.
+"""
+
+import socket
+from collections.abc import Callable
+from time import monotonic
+from typing import Protocol, Self
+from urllib.parse import parse_qsl, urlsplit
+
+from inercal.errors import InercalError, InputError
+
+_OPENING = 5.0  # s; a table on the laboratory's network answers within milliseconds
+_PARITIES = {"none": "N", "even": "E", "odd": "O"}
+
+
+class LinkLost(InercalError):
+    """The other end is gone, or was never there; `str(error)` names its address."""
+
+
+class Link(Protocol):
+    """A stream of bytes both ways."""
+
+    address: str
+
+    def read(self, most: int, timeout: float) -> bytes:
+        """Return what has come, `most` bytes at most; b"" if nothing does within `timeout` s.
+
+        Raises `LinkLost` at the end of the stream.
+        """
+        ...
+
+    def write(self, data: bytes) -> None:
+        """Send all of `data`; raises `LinkLost` where the other end is gone."""
+        ...
+
+    def close(self) -> None:
+        """Close; a second time does nothing."""
+        ...
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(self, *_: object) -> None: ...
+
+
+class _Closing:
+    """What makes a link a context manager."""
+
+    def close(self) -> None: ...
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+class TcpLink(_Closing):
+    """A connection over TCP, without Nagle's delay: requests are small and wait for replies."""
+
+    def __init__(self, host: str, port: int):
+        self.address = f"tcp://{host}:{port}"
+        try:
+            self._socket = socket.create_connection((host, port), _OPENING)
+        except OSError as error:
+            raise LinkLost(f"{self.address}: cannot connect: {_reason(error)}") from error
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+    def read(self, most: int, timeout: float) -> bytes:
+        """As `Link.read`."""
+        try:
+            self._socket.settimeout(max(timeout, 0.0))
+            data = self._socket.recv(most)
+        except (TimeoutError, BlockingIOError):
+            return b""
+        except OSError as error:
+            raise LinkLost(f"{self.address}: lost: {_reason(error)}") from error
+        if not data:
+            raise LinkLost(f"{self.address}: closed by the other end")
+        return data
+
+    def write(self, data: bytes) -> None:
+        """As `Link.write`."""
+        try:
+            self._socket.settimeout(_OPENING)
+            self._socket.sendall(data)
+        except OSError as error:
+            raise LinkLost(f"{self.address}: lost: {_reason(error)}") from error
+
+    def close(self) -> None:
+        """As `Link.close`."""
+        self._socket.close()
+
+
+class SerialLink(_Closing):
+    """A serial port by pyserial: `path` as the system names it, `baud` in bit/s."""
+
+    def __init__(
+        self, path: str, baud: int = 115200, bits: int = 8, parity: str = "none", stop: int = 1
+    ):
+        try:
+            import serial
+        except ImportError as error:
+            raise InputError(
+                "serial ports need pyserial; install the extra: pip install 'inercal[host]'"
+            ) from error
+        self.address = f"serial:{path}"
+        self._broken = (OSError, serial.SerialException)
+        try:
+            self._port = serial.Serial(path, baud, bits, _PARITIES[parity], stop, timeout=0)
+        except (*self._broken, ValueError) as error:
+            raise LinkLost(f"{self.address}: cannot open: {_reason(error)}") from error
+
+    def read(self, most: int, timeout: float) -> bytes:
+        """As `Link.read`."""
+        try:
+            waiting = min(self._port.in_waiting, most)
+            if not waiting:
+                # Setting the time out configures the port anew: only where it changes.
+                if self._port.timeout != timeout:
+                    self._port.timeout = max(timeout, 0.0)
+                waiting = 1
+            return bytes(self._port.read(waiting))
+        except self._broken as error:
+            raise LinkLost(f"{self.address}: lost: {_reason(error)}") from error
+
+    def write(self, data: bytes) -> None:
+        """As `Link.write`."""
+        try:
+            self._port.write(data)
+        except self._broken as error:
+            raise LinkLost(f"{self.address}: lost: {_reason(error)}") from error
+
+    def close(self) -> None:
+        """As `Link.close`."""
+        self._port.close()
+
+
+def open_link(address: str) -> Link:
+    """Return the link to `address`.
+
+    Parameters
+    ----------
+    address : str
+        `tcp://HOST:PORT`, or `serial:PATH` with `?baud=…&bits=5–8&parity=none|even|odd&stop=1|2`
+        (115200, 8, none, 1 unless told). Other parameters belong to the caller, who takes them off.
+
+    Raises
+    ------
+    InputError
+        An address of another form, or a parameter that a link does not know.
+    LinkLost
+        Nobody is there, or the port cannot be opened.
+    """
+    parts = urlsplit(address)
+    given = dict(parse_qsl(parts.query, keep_blank_values=True))
+    if parts.scheme == "tcp":
+        _refuse(address, given, ())
+        try:
+            host, port = parts.hostname, parts.port
+        except ValueError:
+            host, port = None, None
+        if not host or not port or parts.path not in ("", "/"):
+            raise InputError(f"{address!r} is no address of TCP; possible: tcp://192.168.0.5:1025")
+        return TcpLink(host, port)
+    if parts.scheme == "serial" and parts.path:
+        _refuse(address, given, ("baud", "bits", "parity", "stop"))
+        parity = given.get("parity", "none")
+        if parity not in _PARITIES:
+            raise InputError(f"parity {parity!r} in {address!r}; possible: {', '.join(_PARITIES)}")
+        baud = _whole(address, given, "baud", 115200, range(50, 4_000_001))
+        bits = _whole(address, given, "bits", 8, range(5, 9))
+        stop = _whole(address, given, "stop", 1, range(1, 3))
+        return SerialLink(parts.path, baud, bits, parity, stop)
+    raise InputError(
+        f"{address!r} is no address; possible: tcp://HOST:PORT or serial:PATH?baud=115200"
+    )
+
+
+def read_until(link: Link, done: Callable[[bytes], bool], timeout: float, most: int = 4096) -> bool:
+    """Hand what comes to `done` until it says so; False where `timeout` s pass before."""
+    end = monotonic() + timeout
+    while (left := end - monotonic()) > 0:
+        data = link.read(most, left)
+        if data and done(data):
+            return True
+    return False
+
+
+def _refuse(address: str, given: dict[str, str], known: tuple[str, ...]) -> None:
+    for key in given:
+        if key not in known:
+            possible = f"possible: {', '.join(known)}" if known else "a link of TCP has none"
+            raise InputError(f"unknown parameter {key!r} in {address!r}; {possible}")
+
+
+def _whole(address: str, given: dict[str, str], key: str, otherwise: int, within: range) -> int:
+    text = given.get(key, str(otherwise))
+    if not (text.isascii() and text.isdigit() and int(text) in within):
+        raise InputError(
+            f"{key}={text!r} in {address!r}; possible: {within.start} to {within.stop - 1}"
+        )
+    return int(text)
+
+
+def _reason(error: Exception) -> str:
+    return (isinstance(error, OSError) and error.strerror) or str(error) or type(error).__name__

@@ -1,0 +1,97 @@
+"""Byte links: what they carry, how they end, which addresses they take."""
+
+import os
+import pty
+import socket
+import tty
+from collections.abc import Iterator
+
+import pytest
+
+from inercal.errors import InputError
+from inercal.host.link import LinkLost, open_link
+
+
+@pytest.fixture
+def terminal() -> Iterator[tuple[int, str]]:
+    device, host = pty.openpty()
+    tty.setraw(host)
+    yield device, os.ttyname(host)
+    for end in (device, host):
+        os.close(end)
+
+
+@pytest.fixture
+def listener() -> Iterator[socket.socket]:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        yield listener
+
+
+def _address(listener: socket.socket) -> str:
+    return f"tcp://127.0.0.1:{listener.getsockname()[1]}"
+
+
+def test_tcp_carries_bytes_both_ways_and_says_when_the_other_end_closes(listener: socket.socket):
+    with open_link(_address(listener)) as link:
+        other, _ = listener.accept()
+        with other:
+            link.write(b"\x00ask\xff")
+            assert other.recv(10) == b"\x00ask\xff"
+            assert link.read(10, 0.0) == b""
+            other.sendall(b"answer")
+            assert link.read(3, 1.0) == b"ans"
+            assert link.read(10, 1.0) == b"wer"
+        with pytest.raises(LinkLost, match=r"127\.0\.0\.1:\d+: closed by the other end"):
+            link.read(10, 1.0)
+
+
+def test_nobody_there_is_one_line_with_the_address():
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        address = _address(taken)
+    with pytest.raises(LinkLost, match=f"{address}: cannot connect: Connection refused"):
+        open_link(address)
+
+
+def test_a_pseudo_terminal_is_a_serial_port(terminal: tuple[int, str]):
+    device, path = terminal
+    with open_link(f"serial:{path}?baud=9600") as link:
+        assert link.read(10, 0.0) == b""
+        link.write(b"PPO\r")
+        assert os.read(device, 10) == b"PPO\r"
+        os.write(device, b"12.5\r\n>")
+        assert link.read(4, 1.0) + link.read(10, 1.0) == b"12.5\r\n>"
+
+
+def test_an_unplugged_port_is_a_lost_link():
+    device, host = pty.openpty()
+    tty.setraw(host)
+    with open_link(f"serial:{os.ttyname(host)}") as link:
+        os.close(host)
+        os.close(device)
+        with pytest.raises(LinkLost, match="serial:/dev"):
+            link.read(10, 1.0)
+
+
+def test_a_port_that_is_not_there_is_a_lost_link():
+    with pytest.raises(LinkLost, match="serial:/dev/ttyNONE: cannot open"):
+        open_link("serial:/dev/ttyNONE")
+
+
+@pytest.mark.parametrize(
+    ("address", "says"),
+    [
+        ("udp://host:1", "possible: tcp://HOST:PORT or serial:PATH"),
+        ("host:1025", "possible: tcp://HOST:PORT"),
+        ("tcp://host", "possible: tcp://192"),
+        ("tcp://host:99999", "possible: tcp://192"),
+        ("tcp://host:1025?baud=9600", "unknown parameter 'baud'"),
+        ("serial:", "is no address"),
+        ("serial:/dev/null?speed=1", "possible: baud, bits, parity, stop"),
+        ("serial:/dev/null?baud=fast", "possible: 50 to 4000000"),
+        ("serial:/dev/null?bits=9", "possible: 5 to 8"),
+        ("serial:/dev/null?parity=mark", "possible: none, even, odd"),
+    ],
+)
+def test_a_bad_address_is_refused_with_what_is_possible(address: str, says: str):
+    with pytest.raises(InputError, match=says):
+        open_link(address)
