@@ -1,0 +1,1 @@
+"""Drivers of tables, one a controller, alike to whoever moves them: see `table`."""

@@ -1,0 +1,202 @@
+"""A table on an ACUTROL3000, which is spoken to in lines like SCPI's, over TCP.
+
+Angles are in degrees on the line. `:demand:position n,x`, `:demand:rate n,x`, `:mode:position n`,
+`:mode:rate n`, `:limit:rate pos,n,x`, `:limit:acc pos,n,x`, `:limit:absolute? n`, `:read:pos? n`,
+`:interlock:close n`, `:interlock:reset` and `*stb?` are known from programs in use. Assumed, for
+want of the manual: lines end with LF and a command that is no question answers nothing; `*stb?`
+behind a command says that it was heard, bit 0 the interlock's fault (65 is seen then), bit 2 an
+error; a demand is taken whatever the mode; encoders are absolute, so that nothing is homed. No
+clock of the servo is known: `TableState.time` is NaN.
+
+Position mode brings a demand from before: each is set before its mode is.
+"""
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import degrees, nan, radians
+from typing import Self
+
+from inercal.errors import InputError
+from inercal.host.drivers.table import (
+    AxisLimits,
+    AxisState,
+    ProtocolError,
+    TableFault,
+    TableState,
+    index_of,
+)
+from inercal.host.drivers.text_dialogue import TextDialogue
+from inercal.host.link import Link, open_link
+
+_NUMBER = re.compile(r"[+-]?\d{1,15}(?:\.\d{0,15})?(?:[Ee][+-]?\d{1,2})?", re.ASCII)
+
+
+@dataclass(frozen=True)
+class AcutrolAxis:
+    """An axis: its name and its number; within `band` (rad, rad/s) it is in position, at rest."""
+
+    name: str
+    number: int
+    band: float = radians(0.001)
+
+
+class Acutrol:
+    """A `RotaryTable` on the ACUTROL3000 at `address`.
+
+    Parameters
+    ----------
+    address : str
+        `tcp://HOST:PORT`.
+    axes : sequence of AcutrolAxis
+        Outer to inner.
+    timeout : float
+        s that a reply may take.
+    opener : callable
+        Opens a link to an address; tests give their own.
+    """
+
+    def __init__(
+        self,
+        address: str,
+        axes: Sequence[AcutrolAxis],
+        timeout: float = 1.0,
+        opener: Callable[[str], Link] = open_link,
+    ):
+        self._axes = tuple(axes)
+        if not self._axes or len({a.name for a in self._axes}) < len(self._axes):
+            raise InputError("a table needs axes, each of its own name")
+        # What each axis was last told: an angle, or a rate.
+        self._goals = [(nan, 0.0)] * len(self._axes)
+        self._dialogue = TextDialogue(address, b"\n", timeout, opener)
+        try:
+            self.limits = tuple(self._read_limits(a.number) for a in self._axes)
+        except BaseException:
+            self._dialogue.close()
+            raise
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names, outer to inner."""
+        return tuple(a.name for a in self._axes)
+
+    def enable(self) -> None:
+        """Close the interlocks, at rest in rate mode."""
+        for i, axis in enumerate(self._axes):
+            n = axis.number
+            self._tell(":interlock:reset", f":mode:off {n}", f":interlock:close {n}")
+            self._rest(i)
+
+    def home(self) -> None:
+        """Do nothing: the encoders are taken to be absolute."""
+
+    def move(self, axis: str, angle: float, rate: float, acceleration: float) -> None:
+        """As `RotaryTable.move`."""
+        i = index_of(axis, self.axes)
+        self.limits[i].check(axis, rate, acceleration, angle)
+        n = self._axes[i].number
+        self._tell(
+            f":limit:rate pos,{n},{_degrees(rate)}",
+            f":limit:acc pos,{n},{_degrees(acceleration)}",
+            f":demand:position {n},{_degrees(angle)}",
+            f":mode:position {n}",
+        )
+        self._goals[i] = (angle, 0.0)
+
+    def spin(self, axis: str, rate: float, acceleration: float) -> None:
+        """As `RotaryTable.spin`."""
+        i = index_of(axis, self.axes)
+        self.limits[i].check(axis, rate, acceleration)
+        n = self._axes[i].number
+        self._tell(
+            f":limit:acc rate,{n},{_degrees(acceleration)}",
+            f":demand:rate {n},{_degrees(rate)}",
+            f":mode:rate {n}",
+        )
+        self._goals[i] = (nan, rate)
+
+    def stop(self) -> None:
+        """Bring all axes to rest in rate mode; no safety function."""
+        for i in range(len(self._axes)):
+            self._rest(i)
+
+    def kill(self, *, coasting: bool = False) -> None:
+        """Open the interlocks; refused as in `RotaryTable.kill`."""
+        if not coasting and any(s.moving for s in self.read().axes):
+            raise TableFault(
+                "an axis turns and would coast if killed: stop() first, then kill(), or "
+                "kill(coasting=True) where stopping failed"
+            )
+        self._tell(*(f":interlock:open {a.number}" for a in self._axes))
+
+    def read(self) -> TableState:
+        """Return where the table is now, without a time."""
+        parts = [
+            f":read:pos? {n};rate? {n};:interlock? {n}" for n in (a.number for a in self._axes)
+        ]
+        said = self._dialogue.ask((";".join(parts) + "\n").encode()).split(";")
+        if len(said) != 3 * len(parts):
+            raise ProtocolError(f"{self._dialogue.address}: {said!r} do not answer a reading")
+        return TableState(
+            nan, tuple(self._state(i, said[3 * i : 3 * i + 3]) for i in range(len(self._axes)))
+        )
+
+    def close(self) -> None:
+        """Close the connection; the table goes on with what it does."""
+        self._dialogue.close()
+
+    def _state(self, i: int, said: list[str]) -> AxisState:
+        angle, rate = radians(_number(said[0])), radians(_number(said[1]))
+        interlock = said[2].strip().lower()
+        band, (goal, spinning) = self._axes[i].band, self._goals[i]
+        resting = abs(rate) <= band and spinning == 0
+        return AxisState(
+            angle=angle,
+            rate=rate,
+            following_error=nan,
+            # Where no angle was asked for, any is the right one.
+            in_position=resting and not abs(angle - goal) > band,
+            moving=not resting,
+            enabled=interlock == "closed",
+            homed=True,
+            faults=("interlock fault",) if interlock == "fault" else (),
+        )
+
+    def _rest(self, i: int) -> None:
+        n = self._axes[i].number
+        self._tell(f":demand:rate {n},0", f":mode:rate {n}")
+        self._goals[i] = (nan, 0.0)
+
+    def _read_limits(self, n: int) -> AxisLimits:
+        said = self._dialogue.ask(f":limit:absolute? {n}\n".encode()).split(",")
+        if len(said) != 6:
+            raise ProtocolError(f"{self._dialogue.address}: {said!r} are no six limits of axis {n}")
+        rate, acceleration, _, low, high, _ = (radians(_number(text)) for text in said)
+        return AxisLimits(rate, acceleration, low, high)
+
+    def _tell(self, *commands: str) -> None:
+        """Send commands on one line; raises `TableFault` where the status behind them says so."""
+        line = ";".join(commands)
+        status = int(_number(self._dialogue.ask(f"{line};*stb?\n".encode())))
+        if status & 1:
+            raise TableFault(
+                f"interlock fault after {line!r}; enable() resets it if its cause is gone"
+            )
+        if status & 4:
+            raise TableFault(f"the controller refuses {line!r}")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _number(text: str) -> float:
+    if not _NUMBER.fullmatch(text.strip()):
+        raise ProtocolError(f"{text[:40]!r} is no number of an ACUTROL")
+    return float(text)
+
+
+def _degrees(value: float) -> str:
+    return f"{degrees(value):.7f}"

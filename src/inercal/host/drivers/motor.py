@@ -1,0 +1,136 @@
+"""A rate table of one axis turned by a motor's own controller, in ASCII over a serial port.
+
+The ship rig's source (Xiao, Liu and Liu 2014) says that a host sets the motor's speed over a link
+and no more. Assumed is a controller as Ideal Aerosmith's, at 9600 baud: lines end with CR, and each
+is answered by what it asks for and a prompt `>`; `?` before the prompt refuses. `ACL x` sets the
+acceleration (°/s²), `JOG x` turns at a rate (°/s), `STO` decelerates to rest, `HOM` looks for zero,
+`VEL x` and `POS x` move to an angle, `PPO` and `PVE` print position and rate. It tells no clock of
+its own, `TableState.time` is NaN, and has no command that takes its power off.
+"""
+
+import re
+from collections.abc import Callable
+from math import degrees, nan, radians
+from typing import Self
+
+from inercal.host.drivers.table import (
+    AxisLimits,
+    AxisState,
+    ProtocolError,
+    TableFault,
+    TableState,
+    index_of,
+)
+from inercal.host.drivers.text_dialogue import TextDialogue
+from inercal.host.link import Link, open_link
+
+_NUMBER = re.compile(r"[+-]?\d{1,12}(?:\.\d{0,12})?", re.ASCII)
+
+
+class Motor:
+    """A `RotaryTable` of one axis on such a controller at `address`.
+
+    Parameters
+    ----------
+    address : str
+        `serial:/dev/ttyUSB0?baud=9600`, or `tcp://HOST:PORT` of a port server.
+    limits : AxisLimits
+        The rig's; the controller tells none.
+    axis : str
+        The axis' name.
+    band : float
+        rad and rad/s within which it is in position, and at rest.
+    timeout : float
+        s that a reply may take.
+    opener : callable
+        Opens a link to an address; tests give their own.
+    """
+
+    def __init__(
+        self,
+        address: str,
+        limits: AxisLimits,
+        axis: str = "table",
+        band: float = radians(0.05),
+        timeout: float = 1.0,
+        opener: Callable[[str], Link] = open_link,
+    ):
+        self.limits = (limits,)
+        self._axis, self._band = axis, band
+        self._goal, self._spinning, self._homing, self._homed = nan, 0.0, False, False
+        self._dialogue = TextDialogue(address, b">", timeout, opener)
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """The one name."""
+        return (self._axis,)
+
+    def enable(self) -> None:
+        """Ask for the position, to see that somebody answers: such a servo is on with its power."""
+        self._tell("PPO")
+
+    def home(self) -> None:
+        """Start the search for zero (`HOM`)."""
+        self._tell("HOM")
+        self._goal, self._spinning, self._homing = 0.0, 0.0, True
+
+    def move(self, axis: str, angle: float, rate: float, acceleration: float) -> None:
+        """As `RotaryTable.move`."""
+        index_of(axis, self.axes)
+        self.limits[0].check(axis, rate, acceleration, angle)
+        self._tell(f"ACL {degrees(acceleration):.5f}")
+        self._tell(f"VEL {degrees(rate):.5f}")
+        self._tell(f"POS {degrees(angle):.5f}")
+        self._goal, self._spinning = angle, 0.0
+
+    def spin(self, axis: str, rate: float, acceleration: float) -> None:
+        """As `RotaryTable.spin`."""
+        index_of(axis, self.axes)
+        self.limits[0].check(axis, rate, acceleration)
+        self._tell(f"ACL {degrees(acceleration):.5f}")
+        self._tell(f"JOG {degrees(rate):.5f}")
+        self._goal, self._spinning = nan, rate
+
+    def stop(self) -> None:
+        """Decelerate to rest (`STO`), at the acceleration last set; no safety function."""
+        self._tell("STO")
+        self._goal, self._spinning = nan, 0.0
+
+    def kill(self, *, coasting: bool = False) -> None:
+        """Refuse: see the module."""
+        raise TableFault(
+            "this controller has no command that takes the power off; possible: stop(), or the "
+            "drive's own switch"
+        )
+
+    def read(self) -> TableState:
+        """Return where the axis is now, without a time."""
+        angle, rate = (radians(self._number(what)) for what in ("PPO", "PVE"))
+        resting = abs(rate) <= self._band and self._spinning == 0
+        in_position = resting and not abs(angle - self._goal) > self._band
+        self._homed = self._homed or (self._homing and in_position)
+        return TableState(
+            nan, (AxisState(angle, rate, nan, in_position, not resting, True, self._homed),)
+        )
+
+    def close(self) -> None:
+        """Close the link; the motor goes on with what it does."""
+        self._dialogue.close()
+
+    def _tell(self, line: str) -> str:
+        said = self._dialogue.ask(f"{line}\r".encode())
+        if said.startswith("?"):
+            raise TableFault(f"the motor's controller refuses {line!r}: {said}")
+        return said
+
+    def _number(self, line: str) -> float:
+        said = self._tell(line)
+        if not _NUMBER.fullmatch(said):
+            raise ProtocolError(f"{said[:40]!r} is no number in answer to {line!r}")
+        return float(said)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

@@ -1,0 +1,239 @@
+"""A table whose axes are motors of a Turbo PMAC, reached over Ethernet.
+
+Units of the controller: positions and following errors in counts, `#nV` in counts per servo cycle
+(rounded to 0.1 by the controller), I-variables in counts, counts/ms and counts/ms², Ixx11 and
+Ixx28 in 1/16 count. One count is 2π/counts_per_turn rad.
+
+**Time.** X:$0 counts servo cycles in 24 bits (the manual's suggested M100); one cycle is
+I10/8388608 ms. A reading asks for it first and last in the one line that asks for positions: the
+same number twice says that all belong to that cycle; otherwise `TableState.span` says how much
+passed. It wraps after 2 h at 2.26 kHz: a table must be read more often than that for its time to
+be right.
+
+**Limits.** Rates are held to Ixx16 and accelerations to Ixx17, which nothing here writes: Ixx19 and
+Ixx22, those of jogs, are what a motion is commanded by, and would hold the next one back. Soft
+limits are Ixx13 and Ixx14 (0: none).
+
+Source: Delta Tau, Turbo PMAC Software Reference Manual.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import inf, tau
+from typing import Self
+
+from inercal.errors import InputError
+from inercal.host.drivers import pmac_codec as codec
+from inercal.host.drivers.pmac_dialogue import Dialogue
+from inercal.host.drivers.table import (
+    AxisLimits,
+    AxisState,
+    ProtocolError,
+    TableFault,
+    TableState,
+    index_of,
+)
+from inercal.host.link import Link, open_link
+
+_CYCLES = 1 << 24  # X:$0 wraps here
+_LIMITS = (0, 11, 13, 14, 16, 17, 60)
+
+
+@dataclass(frozen=True)
+class PmacAxis:
+    """An axis: its name, its motor's number (1 to 32), and counts in one turn (< 0 reverses it)."""
+
+    name: str
+    motor: int
+    counts_per_turn: float
+
+
+class Pmac:
+    """A `RotaryTable` on the Turbo PMAC at `address`.
+
+    Parameters
+    ----------
+    address : str
+        `tcp://HOST:1025`.
+    axes : sequence of PmacAxis
+        Outer to inner.
+    timeout : float
+        s that a whole reply may take.
+    opener : callable
+        Opens a link to an address; tests give their own.
+
+    Raises
+    ------
+    InputError
+        Axes that cannot be, or a motor that is not activated or whose loop closes every few cycles.
+    LinkLost
+        No Turbo PMAC answers there.
+    """
+
+    def __init__(
+        self,
+        address: str,
+        axes: Sequence[PmacAxis],
+        timeout: float = 1.0,
+        opener: Callable[[str], Link] = open_link,
+    ):
+        self._axes = tuple(axes)
+        if not self._axes or len({a.name for a in self._axes}) < len(self._axes):
+            raise InputError("a table needs axes, each of its own name")
+        for axis in self._axes:
+            if not (1 <= axis.motor <= 32 and 0 < abs(axis.counts_per_turn) < inf):
+                raise InputError(f"axis {axis.name}: motors are 1 to 32, counts in a turn not 0")
+        motors = [a.motor for a in self._axes]
+        self._ask_state = "RHX$0 " + " ".join(f"#{m}P#{m}V#{m}F#{m}?" for m in motors) + " RHX$0"
+        self._cycle: int | None = None
+        self._elapsed = 0
+        self._dialogue = Dialogue(address, timeout, opener)
+        try:
+            self.period = codec.number(self._ask("I10", 1)[0]) / 8388608 * 1e-3
+            if self.period <= 0:
+                raise ProtocolError(f"{address}: I10 says that the servo clock stands still")
+            self.limits = tuple(self._read_limits(a) for a in self._axes)
+        except BaseException:
+            self._dialogue.close()
+            raise
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names, outer to inner."""
+        return tuple(a.name for a in self._axes)
+
+    @property
+    def reconnected(self) -> int:
+        """How many times the connection had to be made anew."""
+        return self._dialogue.reconnected
+
+    def enable(self) -> None:
+        """Close the servo loops where the axes stand (`J/`)."""
+        self._ask(" ".join(f"#{a.motor}J/" for a in self._axes))
+
+    def home(self) -> None:
+        """Start the search for zero on all axes (`HM`)."""
+        self._ask(" ".join(f"#{a.motor}HM" for a in self._axes))
+
+    def move(self, axis: str, angle: float, rate: float, acceleration: float) -> None:
+        """Start toward `angle` (`J=`); see `RotaryTable.move`."""
+        i = index_of(axis, self.axes)
+        self.limits[i].check(axis, rate, acceleration, angle)
+        counts = angle / tau * self._axes[i].counts_per_turn
+        self._jog(i, rate, acceleration, f"J={_text(counts)}")
+
+    def spin(self, axis: str, rate: float, acceleration: float) -> None:
+        """Bring an axis to `rate` (`J+`, `J-`; `J/` for 0); see `RotaryTable.spin`."""
+        i = index_of(axis, self.axes)
+        self.limits[i].check(axis, rate, acceleration)
+        forward = rate * self._axes[i].counts_per_turn > 0
+        self._jog(i, rate, acceleration, "J/" if rate == 0 else "J+" if forward else "J-")
+
+    def stop(self) -> None:
+        """Decelerate all axes at Ixx15 (`^A`) and hold them; no safety function.
+
+        `^A` also closes the loops of killed motors. It brings no answer: what still turns is told
+        `J/` at the same deceleration, whose answer says that it was heard.
+        """
+        self._dialogue.control("A")
+        state = self.read()
+        turning = [a.motor for a, s in zip(self._axes, state.axes, strict=True) if s.moving]
+        if turning:
+            self._ask(" ".join(f"I{m}20=0 I{m}21=0 I{m}19=I{m}15 #{m}J/" for m in turning))
+
+    def kill(self, *, coasting: bool = False) -> None:
+        """Open the loops and take the power off (`K`).
+
+        Raises
+        ------
+        TableFault
+            An axis turns, and would coast; `coasting=True` says that it shall.
+        """
+        if not coasting:
+            for name, state in zip(self.axes, self.read().axes, strict=True):
+                if state.enabled and not state.settled:
+                    raise TableFault(
+                        f"axis {name} turns and would coast if killed: stop() first, then kill(), "
+                        "or kill(coasting=True) where stopping failed"
+                    )
+        self._ask(" ".join(f"#{a.motor}K" for a in self._axes))
+
+    def read(self) -> TableState:
+        """Return where the table is now; its time starts with the first reading."""
+        lines = self._ask(self._ask_state, 4 * len(self._axes) + 2)
+        first, last = codec.word(lines[0], 6), codec.word(lines[-1], 6)
+        during = (last - first) % _CYCLES
+        self._elapsed += 0 if self._cycle is None else (first - self._cycle) % _CYCLES
+        self._cycle = first
+        states = tuple(
+            self._state(axis, lines[1 + 4 * i : 5 + 4 * i]) for i, axis in enumerate(self._axes)
+        )
+        return TableState((self._elapsed + during / 2) * self.period, states, during * self.period)
+
+    def close(self) -> None:
+        """Close the connection; the table goes on with what it does."""
+        self._dialogue.close()
+
+    def _ask(self, line: str, replies: int = 0) -> list[str]:
+        return self._dialogue.ask(line, replies)
+
+    def _state(self, axis: PmacAxis, lines: list[str]) -> AxisState:
+        position, velocity, error = (codec.number(text) for text in lines[:3])
+        status = codec.status(lines[3])
+        count = tau / axis.counts_per_turn
+        return AxisState(
+            angle=position * count,
+            rate=velocity * count / self.period,
+            following_error=error * count,
+            in_position=status.in_position,
+            moving=status.moving,
+            enabled=status.enabled,
+            homed=status.homed,
+            faults=status.faults,
+        )
+
+    def _read_limits(self, axis: PmacAxis) -> AxisLimits:
+        names = " ".join(f"I{axis.motor}{n:02d}" for n in _LIMITS)
+        active, fatal, high, low, rate, acceleration, skipped = (
+            codec.number(text) for text in self._ask(names, len(_LIMITS))
+        )
+        if active != 1 or skipped != 0:
+            raise InputError(
+                f"axis {axis.name}: motor {axis.motor} must be activated (I{axis.motor}00=1) and "
+                f"close its loop every servo cycle (I{axis.motor}60=0)"
+            )
+        count = tau / abs(axis.counts_per_turn)
+        soft = (low * count if low else -inf, high * count if high else inf)
+        if axis.counts_per_turn < 0:
+            soft = (-soft[1], -soft[0])
+        return AxisLimits(
+            rate=rate * 1e3 * count,
+            acceleration=acceleration * 1e6 * count,
+            low=soft[0],
+            high=soft[1],
+            following_error=fatal / 16 * count if fatal else inf,
+        )
+
+    def _jog(self, i: int, rate: float, acceleration: float, command: str) -> None:
+        """Set rate and acceleration, and start.
+
+        The times of acceleration (Ixx20) and of its S-curve (Ixx21) are 0, so that Ixx19 alone says
+        how the axis accelerates.
+        """
+        axis = self._axes[i]
+        per_turn, n = abs(axis.counts_per_turn) / tau, axis.motor
+        speed = f"I{n}22={_text(abs(rate) * per_turn * 1e-3)} " if rate else ""
+        self._ask(
+            f"I{n}20=0 I{n}21=0 I{n}19={_text(acceleration * per_turn * 1e-6)} {speed}#{n}{command}"
+        )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _text(value: float) -> str:
+    """Return a constant as the controller reads it, without exponent."""
+    return f"{value:.12f}".rstrip("0").rstrip(".")

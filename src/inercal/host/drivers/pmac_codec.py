@@ -1,0 +1,238 @@
+"""Turbo PMAC over Ethernet, without input or output: bytes of requests, and replies from bytes.
+
+A request is a header of 8 bytes (type, request, value, index: two bytes each, length big-endian)
+and the command line. Its reply is text, lines ended by CR, the whole ended by ACK; or BELL, ERRnnn
+and CR where a command was refused. The controller sends 1400 bytes at most and waits to be asked
+for the rest; TCP may split those anywhere. No end is ever guessed from the size of what arrived.
+
+Source: Delta Tau, Turbo PMAC User Manual, "Turbo PMAC Ethernet Protocol"; Turbo PMAC Software
+Reference Manual, I6 (errors), `?` (status), `P`, `V`, `F`.
+"""
+
+import re
+from dataclasses import dataclass
+from struct import pack
+
+from inercal.errors import InputError
+from inercal.host.drivers.table import ProtocolError, TableFault
+
+CHUNK = 1400  # bytes that the controller sends at a time
+FLUSHED = b"@"  # its answer to FLUSH
+_MOST = 1 << 20  # bytes; no reply of a table comes near
+_LINE = 1492  # bytes of a command line that a packet can carry
+
+_DOWNLOAD, _UPLOAD = 0x40, 0xC0
+_FLUSH, _GETRESPONSE, _CONTROL, _GETBUFFER = 0xB3, 0xBF, 0xC4, 0xC5
+_ACK = b"\x06"
+_END = re.compile(rb"[\x06\x07]")  # ACK, or BELL before an error
+_JUNK = re.compile(rb"[^\x20-\x7e\r\n]")
+_REFUSAL = re.compile(rb"\x07(ERR(\d{3}))\r")
+_NUMBER = re.compile(
+    r"\s*([+-]?)(\$[0-9A-Fa-f]{1,12}|\d{1,20}(?:\.\d{0,20})?|\.\d{1,20})\s*", re.ASCII
+)
+
+ERRORS = {
+    1: "not allowed while a program runs",
+    2: "wrong password",
+    3: "unknown command or bad data",
+    4: "illegal character",
+    5: "only allowed with a buffer open",
+    6: "no room in the buffer",
+    7: "the buffer is in use",
+    8: "MACRO ring: auxiliary communication failed",
+    9: "program of wrong structure",
+    10: "both overtravel limits are set",
+    11: "the previous move is not over",
+    12: "the motor's loop is open: enable it first",
+    13: "the motor is not activated (Ixx00)",
+    14: "no motor in the coordinate system",
+    15: "no such program",
+    16: "running a program of wrong structure",
+    17: "the motors are not where they were stopped",
+    18: "phasing is under way, or its clock is missing",
+    19: "position may not be changed while moves are stored",
+}
+
+# Bits of the two status words by which a motor says that something is wrong.
+_FAULTS = (
+    (1, 22, "negative end limit"),
+    (1, 21, "positive end limit"),
+    (2, 12, "stopped on the desired position's limit"),
+    (2, 11, "stopped on a position limit"),
+    (2, 8, "phasing reference error"),
+    (2, 6, "integrated fatal following error"),
+    (2, 5, "amplifier overload (I²t)"),
+    (2, 3, "amplifier fault"),
+    (2, 2, "fatal following error"),
+)
+
+
+class Refused(TableFault):
+    """The controller refused a command; `code` is its number, or None if it gave none."""
+
+    def __init__(self, message: str, code: int | None):
+        super().__init__(message)
+        self.code = code
+
+
+@dataclass(frozen=True)
+class Status:
+    """The two status words of a motor, 24 bits each."""
+
+    first: int
+    second: int
+
+    @property
+    def activated(self) -> bool:
+        """The controller serves this motor at all (Ixx00)."""
+        return bool(self.first >> 23 & 1)
+
+    @property
+    def enabled(self) -> bool:
+        """The amplifier is on and the loop is closed."""
+        return bool(self.first >> 19 & 1) and not self.first >> 18 & 1
+
+    @property
+    def moving(self) -> bool:
+        """The desired velocity is not zero; of an open loop the controller says so too."""
+        return not self.first >> 13 & 1 and self.enabled
+
+    @property
+    def homed(self) -> bool:
+        """Home complete."""
+        return bool(self.second >> 10 & 1)
+
+    @property
+    def in_position(self) -> bool:
+        """Within Ixx28 of the target."""
+        return bool(self.second & 1)
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """What is wrong, in words."""
+        words = (0, self.first, self.second)
+        wrong = tuple(text for word, bit, text in _FAULTS if words[word] >> bit & 1)
+        return wrong if self.activated else (*wrong, "not activated")
+
+
+def get_response(line: str) -> bytes:
+    """Return the request that carries out `line` and asks for its reply."""
+    try:
+        data = line.encode("ascii")
+    except UnicodeEncodeError:
+        data = b""
+    if not 0 < len(data) <= _LINE or min(data) < 0x20:
+        raise InputError(f"{line!r} is no command line: 1 to {_LINE} printable ASCII characters")
+    return pack(">BBHHH", _DOWNLOAD, _GETRESPONSE, 0, 0, len(data)) + data
+
+
+def get_buffer() -> bytes:
+    """Return the request for the next 1400 bytes of a reply."""
+    return pack(">BBHHH", _UPLOAD, _GETBUFFER, 0, 0, CHUNK)
+
+
+def flush() -> bytes:
+    """Return the request to forget what is not yet sent; its answer is `FLUSHED`."""
+    return pack(">BBHHH", _DOWNLOAD, _FLUSH, 0, 0, 0)
+
+
+def control(letter: str) -> bytes:
+    """Return the request for a control character, "A" for ^A.
+
+    The character is the first byte of the value, as the drivers in use at synchrotrons send it.
+    """
+    return pack("<BBHHH", _UPLOAD, _CONTROL, ord(letter) & 0x1F, 0, 0)
+
+
+class ReplyReader:
+    """The reply to `line`, put together from what arrives, in pieces of any size."""
+
+    def __init__(self, line: str):
+        self._line = line
+        self._data = bytearray()
+        self._end: int | None = None
+
+    @property
+    def more(self) -> bool:
+        """A full chunk has come and the reply is not over: the controller waits to be asked."""
+        return len(self._data) > 0 and len(self._data) % CHUNK == 0
+
+    @property
+    def size(self) -> int:
+        """Bytes that have come."""
+        return len(self._data)
+
+    def feed(self, data: bytes) -> list[str] | None:
+        """Take what arrived; return the reply's lines once it is whole, None before.
+
+        Raises
+        ------
+        Refused
+            The controller said BELL; the message says which error.
+        ProtocolError
+            Bytes behind the end, characters that are not text, or no end in sight.
+        """
+        seen = len(self._data)
+        self._data += data
+        if self._end is None:
+            found = _END.search(self._data, seen)
+            self._end = found.start() if found else None
+            junk = _JUNK.search(self._data, seen, found.start() if found else len(self._data))
+            if junk:
+                raise ProtocolError(f"reply to {self._line!r}: byte {junk[0].hex()} is no text")
+        if self._end is None:
+            if len(self._data) > _MOST:
+                raise ProtocolError(f"reply to {self._line!r}: no end within {_MOST} bytes")
+            return None
+        if self._data[self._end] == _ACK[0]:
+            return self._lines(self._end)
+        self._refusal(bytes(self._data[self._end :]))
+        return None
+
+    def _lines(self, end: int) -> list[str]:
+        if end + 1 < len(self._data):
+            raise ProtocolError(f"reply to {self._line!r}: bytes behind its end")
+        text = self._data[:end].decode("ascii").replace("\n", "")
+        if text and not text.endswith("\r"):
+            raise ProtocolError(f"reply to {self._line!r}: its last line {text[-40:]!r} is cut")
+        return text.split("\r")[:-1]
+
+    def _refusal(self, rest: bytes) -> None:
+        """Raise what the controller says behind BELL, or wait for the rest of it."""
+        # What has come is completed by a known refusal, to see whether it can still become one.
+        match = _REFUSAL.fullmatch(rest + b"\x07ERR000\r"[len(rest) :])
+        if match is None:
+            raise ProtocolError(
+                f"reply to {self._line!r}: {rest[:20]!r}; errors are told as ERRnnn where I6 is 1"
+            )
+        if len(rest) == match.end():
+            code = int(match[2])
+            meaning = ERRORS.get(code, "an error that the manual does not list")
+            raise Refused(f"{match[1].decode()} to {self._line!r}: {meaning}", code)
+
+
+def number(text: str) -> float:
+    """Return a number as the controller writes it: decimal, or `$` and hexadecimal digits.
+
+    Raises `ProtocolError` for any other text.
+    """
+    match = _NUMBER.fullmatch(text)
+    if match is None:
+        raise ProtocolError(f"{text[:40]!r} is no number of a PMAC")
+    size = float(int(match[2][1:], 16)) if match[2][0] == "$" else float(match[2])
+    return -size if match[1] == "-" else size
+
+
+def word(text: str, digits: int) -> int:
+    """Return a word of `digits` hexadecimal digits at most, without `$`; else `ProtocolError`."""
+    if not re.fullmatch(rf"\s*[0-9A-Fa-f]{{1,{digits}}}\s*", text):
+        raise ProtocolError(f"{text[:40]!r} is no word of {digits} hexadecimal digits")
+    return int(text, 16)
+
+
+def status(text: str) -> Status:
+    """Return the status of a motor from the 12 digits that answer `#n?`."""
+    if len(text.strip()) != 12:
+        raise ProtocolError(f"{text[:40]!r} is no status of 12 hexadecimal digits")
+    both = word(text, 12)
+    return Status(both >> 24, both & 0xFFFFFF)

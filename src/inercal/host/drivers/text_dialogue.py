@@ -1,0 +1,102 @@
+"""One line asked, one reply read, with a controller that talks in text and ends what it says.
+
+Where a reply does not come whole in time, the link is given up and another opened. Over TCP that
+is all: bytes under way to the old connection cannot arrive. A serial port is read until it has been
+silent for the timeout; a reply later than that would be taken for the next one's, and nothing in
+such a protocol could tell.
+"""
+
+from collections.abc import Callable
+from typing import Self
+
+from inercal.host.drivers.table import ProtocolError
+from inercal.host.link import Link, LinkLost, open_link, read_until
+
+_MOST = 1 << 16  # bytes; no reply of a table comes near
+
+
+class TextDialogue:
+    """A connection to the controller at `address`.
+
+    Parameters
+    ----------
+    address : str
+        As `open_link` takes it.
+    ending : bytes
+        The byte that ends a reply.
+    timeout : float
+        s that a whole reply may take.
+    opener : callable
+        Opens a link to an address; tests give their own.
+    """
+
+    def __init__(
+        self,
+        address: str,
+        ending: bytes,
+        timeout: float = 1.0,
+        opener: Callable[[str], Link] = open_link,
+    ):
+        self.address = address
+        self._ending, self._timeout, self._opener = ending, timeout, opener
+        self._link: Link | None = opener(address)
+
+    def ask(self, line: bytes) -> str:
+        """Return the reply to `line`, sent as it is, without its ending and spaces around.
+
+        Raises
+        ------
+        ProtocolError
+            No whole reply in time, or one that is no text: nothing of it is used, and the link is
+            a new one. The command may have been carried out.
+        LinkLost
+            The link is lost and cannot be opened anew; the next call tries again.
+        """
+        link = self._link or self._open()
+        came = bytearray()
+
+        def whole(data: bytes) -> bool:
+            came.extend(data)
+            if len(came) > _MOST:
+                raise ProtocolError(f"{self.address}: no end in {_MOST} bytes of a reply")
+            return self._ending in data
+
+        try:
+            if stray := link.read(_MOST, 0.0):
+                raise ProtocolError(f"{self.address}: {stray[:20]!r} came unasked before {line!r}")
+            link.write(line)
+            if not read_until(link, whole, self._timeout):
+                raise ProtocolError(
+                    f"{self.address}: no whole reply to {line!r} within {self._timeout:g} s "
+                    f"({len(came)} bytes came); it may have been carried out"
+                )
+            text, behind = came.split(self._ending, 1)
+            if behind or not text.isascii():
+                raise ProtocolError(
+                    f"{self.address}: {bytes(came[-40:])!r} is no reply to {line!r}"
+                )
+        except (ProtocolError, LinkLost):
+            self._open()
+            raise
+        return text.decode("ascii").strip()
+
+    def close(self) -> None:
+        """Close the link; a later question opens it anew."""
+        if self._link is not None:
+            self._link.close()
+            self._link = None
+
+    def _open(self) -> Link:
+        self.close()
+        link = self._opener(self.address)
+        if link.address.startswith("serial:"):
+            while link.read(_MOST, self._timeout):
+                pass
+        self._link = link
+        return link
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
