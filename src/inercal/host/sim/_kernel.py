@@ -1,0 +1,184 @@
+"""Compiled: one servo cycle after another of every axis of a table.
+
+**Profile.** A trapezoid made online: the commanded rate goes, at most by `acceleration`·T a cycle,
+toward the highest rate from which the axis still stops at its goal,
+
+    r = a (√(T²/4 + 2 d/a) − T/2),    r ≤ speed,    r ≤ d/T
+
+d the way left. Exact in discrete time: braking from r by a·T a cycle takes r²/2a + r T/2. The mean
+of the last `smooth` such rates is an S-curve that ends at the same place.
+
+**Servo.** What the axis does is of the second order, with the encoder in the loop:
+
+    α = ω² (desired − encoder) + 2ζω (k desired rate − encoder rate),    |α| ≤ torque
+
+so that a steady rate lags by 2ζ(1 − k)/ω times it. Without the servo, friction brakes it.
+"""
+# Numba's decorator has no types, nor has a field of a record.
+# pyright: reportUntypedFunctionDecorator=false, reportAttributeAccessIssue=false
+
+from math import copysign, floor, sqrt, tau
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+HOLD, GO, RUN, SEARCH = 0, 1, 2, 3
+MOST_SMOOTH = 1024
+
+AXIS = np.dtype(
+    [
+        # Settings, SI.
+        ("speed", "f8"),
+        ("acceleration", "f8"),
+        ("abort", "f8"),
+        ("smooth", "i8"),
+        ("low", "f8"),
+        ("high", "f8"),
+        ("fatal", "f8"),
+        ("band", "f8"),
+        ("omega", "f8"),
+        ("zeta", "f8"),
+        ("feedforward", "f8"),
+        ("torque", "f8"),
+        ("friction", "f8"),
+        ("index", "f8"),
+        # Command.
+        ("mode", "i8"),
+        ("goal", "f8"),
+        ("direction", "f8"),
+        ("aborting", "i8"),
+        # Profile: before the S-curve, and after it.
+        ("raw", "f8"),
+        ("raw_rate", "f8"),
+        ("sum", "f8"),
+        ("still", "i8"),
+        ("desired", "f8"),
+        ("desired_rate", "f8"),
+        # Truth.
+        ("angle", "f8"),
+        ("rate", "f8"),
+        ("rotation", "f8"),
+        # Encoder, and where its zero is.
+        ("encoder", "f8"),
+        ("encoder_rate", "f8"),
+        ("zero", "f8"),
+        # Flags.
+        ("closed", "i8"),
+        ("homed", "i8"),
+        ("limited", "i8"),
+        ("tripped", "i8"),
+        ("amplifier", "i8"),
+        # Faults on demand.
+        ("frozen", "i8"),
+        ("jammed", "i8"),
+    ]
+)
+
+
+@njit(cache=True, nogil=True)
+def _profile(x: Any, period: float) -> None:
+    """Advance the trapezoid by one cycle."""
+    limit = x.abort if x.aborting else x.acceleration
+    step = limit * period
+    wanted = 0.0
+    if x.mode == RUN or x.mode == SEARCH:
+        wanted = x.direction * x.speed
+    elif x.mode == GO:
+        left = x.goal - x.raw
+        if abs(left) <= step * period and abs(x.raw_rate) <= 2.0 * step:
+            x.raw, x.raw_rate, x.mode = x.goal, 0.0, HOLD
+            return
+        most = limit * (sqrt(0.25 * period * period + 2.0 * abs(left) / limit) - 0.5 * period)
+        wanted = copysign(min(most, x.speed, abs(left) / period), left)
+    change = wanted - x.raw_rate
+    x.raw_rate += min(max(change, -step), step)
+    x.raw += x.raw_rate * period
+    if x.mode == HOLD and x.raw_rate == 0.0:
+        x.aborting = 0
+
+
+@njit(cache=True, nogil=True)
+def _smooth(x: Any, past: NDArray[np.float64], cycle: int, period: float) -> None:
+    """Make the S-curve of the trapezoid; `past` holds its last rates."""
+    place = cycle % x.smooth
+    x.sum += x.raw_rate - past[place]
+    past[place] = x.raw_rate
+    x.still = x.still + 1 if x.raw_rate == 0.0 and x.mode == HOLD else 0
+    if x.still >= x.smooth:
+        # The sum has nothing left in it but rounding: here both profiles are the same.
+        x.sum = 0.0
+        x.desired, x.desired_rate = x.raw, 0.0
+    else:
+        x.desired_rate = x.sum / x.smooth
+        x.desired += x.desired_rate * period
+
+
+@njit(cache=True, nogil=True)
+def _turn(x: Any, period: float) -> None:
+    """Advance the axis itself, and what its encoder says."""
+    if x.closed:
+        wanted = x.omega * x.omega * (x.desired - x.encoder) + 2.0 * x.zeta * x.omega * (
+            x.feedforward * x.desired_rate - x.encoder_rate
+        )
+        rotation = min(max(wanted, -x.torque), x.torque)
+    else:
+        rotation = -min(x.friction, abs(x.rate) / period) * copysign(1.0, x.rate)
+    before = x.rate
+    x.rate = 0.0 if x.jammed else x.rate + rotation * period
+    x.rotation = (x.rate - before) / period
+    x.angle += x.rate * period
+    if x.frozen:
+        x.encoder_rate = 0.0
+    else:
+        x.encoder, x.encoder_rate = x.angle, x.rate
+
+
+@njit(cache=True, nogil=True)
+def _guard(x: Any, before: float) -> None:
+    """Watch index pulse, soft limits, following error and amplifier."""
+    if not x.closed:
+        # The profile follows the axis, so that closing the loop begins where it stands.
+        x.raw, x.desired = x.encoder, x.encoder
+        x.raw_rate, x.desired_rate, x.sum, x.mode, x.aborting = 0.0, 0.0, 0.0, HOLD, 0
+        return
+    if x.mode == SEARCH:
+        here = floor((x.encoder - x.index) / tau)
+        there = floor((before - x.index) / tau)
+        if here != there:
+            x.goal = x.index + tau * max(here, there)
+            x.zero, x.homed, x.mode = x.goal, 1, GO
+    elif x.mode != HOLD:
+        place = x.encoder - x.zero
+        if (place >= x.high and x.raw_rate > 0.0) or (place <= x.low and x.raw_rate < 0.0):
+            x.mode, x.aborting, x.limited = HOLD, 1, 1
+    if abs(x.desired - x.encoder) > x.fatal:
+        x.tripped, x.closed = 1, 0
+    if x.amplifier:
+        x.closed = 0
+
+
+@njit(cache=True, nogil=True)
+def advance(
+    axes: NDArray[Any],
+    past: NDArray[np.float64],
+    cycle: int,
+    count: int,
+    period: float,
+    out: NDArray[np.float64],
+) -> None:
+    """Advance all axes by `count` cycles from cycle `cycle`.
+
+    `out`, (count, axes, 3), gets angle, rate and acceleration at the end of every cycle.
+    """
+    for k in range(count):
+        for i in range(axes.size):
+            x = axes[i]
+            before = x.encoder
+            if x.closed:
+                _profile(x, period)
+                _smooth(x, past[i], cycle + k, period)
+            _turn(x, period)
+            _guard(x, before)
+            out[k, i, 0], out[k, i, 1], out[k, i, 2] = x.angle, x.rate, x.rotation

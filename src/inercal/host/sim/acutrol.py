@@ -1,0 +1,197 @@
+"""A simulated ACUTROL3000: lines like SCPI's over TCP, degrees.
+
+Questions of one line answer with `;` between; a header without its first colon goes on where the
+one before was. `*stb?` answers 65 where an interlock has a fault, 4 after an error.
+
+Run as `python -m inercal.host.sim.acutrol`.
+"""
+
+import re
+from argparse import ArgumentParser
+from math import degrees, inf, radians
+
+from inercal.host.sim.dynamics import Axis, Killed, Motion, Table, fault_in_words, three_axes
+from inercal.host.sim.lines import LineSession
+from inercal.host.sim.server import add_pace, pace_of, serve
+
+_WORDS = ("mode", "demand", "read", "limit", "interlock", "position", "rate", "acceleration",
+          "absolute", "close", "open", "reset", "off")  # fmt: skip
+_JERK = 10000.0  # °/s³; told, not kept
+
+
+class _Wrong(Exception):
+    """A command that the controller refuses."""
+
+
+class SimulatedAcutrol:
+    """An ACUTROL3000 with a channel for each axis, 1 the outermost; rates in °/s."""
+
+    def __init__(
+        self,
+        axes: tuple[Axis, ...] | None = None,
+        rate: float = 400.0,
+        acceleration: float = 500.0,
+    ):
+        self.table = Table(axes or three_axes(), 2000.0)
+        self._most = {"rate": rate, "acceleration": acceleration}
+        count = len(self.table.axes)
+        self._mode = ["off"] * count
+        self._demand = [{"position": 0.0, "rate": 0.0} for _ in range(count)]
+        self._limit = [
+            {
+                (mode, what): most
+                for mode in ("position", "rate")
+                for what, most in self._most.items()
+            }
+            for _ in range(count)
+        ]
+        self._wrong = False
+        for x in self.table.state:
+            # Absolute encoders: zero is where the axis is built to have it.
+            x.zero, x.homed, x.fatal, x.band = 0.0, 1, radians(2.0), radians(1e-4)
+
+    @property
+    def time(self) -> float:
+        """Bench time, s."""
+        return self.table.time
+
+    def advance(self, until: float) -> Motion:
+        """Let bench time pass; return the true motion of each servo cycle."""
+        return self.table.advance(until)
+
+    def session(self) -> LineSession:
+        """Return the controller's side of a new connection."""
+        return LineSession(b"\n", self._line)
+
+    def fault(self, words: str) -> None:
+        """Set a fault of the table in words: `amplifier 2`, `frozen 1 off`, `jammed 3`."""
+        fault_in_words(self.table, words)
+
+    def _line(self, line: str) -> str:
+        said: list[str] = []
+        path: list[str] = []
+        for command in filter(None, (part.strip().lower() for part in line.split(";"))):
+            try:
+                answer = self._common(command)
+                if answer is None:
+                    header, _, rest = command.partition(" ")
+                    words = [_full(w) for w in header.removesuffix("?").strip(":").split(":")]
+                    words = words if header.startswith(":") else [*path, *words]
+                    path = words[:-1]
+                    answer = self._command(words, header.endswith("?"), rest.split(","))
+            except (_Wrong, ValueError, IndexError):
+                self._wrong = True
+                continue
+            if answer:
+                said.append(answer)
+        return ";".join(said) + "\n" if said else ""
+
+    def _common(self, command: str) -> str | None:
+        if command == "*idn?":
+            return "inercal,simulated ACUTROL3000"
+        if command == "*stb?":
+            fault = any(self._interlock(i) == "Fault" for i in range(len(self._mode)))
+            status = 65 * fault + 4 * self._wrong
+            self._wrong = False
+            return str(status)
+        return None
+
+    def _command(self, words: list[str], question: bool, given: list[str]) -> str:
+        match words, question:
+            case ["interlock", "reset"], False:
+                for x in self.table.state:
+                    x.tripped = 0
+                return ""
+            case ["limit", "rate" | "acceleration" as what], _:
+                mode, i = _full(given[0].strip()), self._axis(given[1])
+                if question:
+                    return f"{self._limit[i][mode, what]:.6f}"
+                value = float(given[2])
+                if (mode, what) not in self._limit[i] or not 0 < value <= self._most[what]:
+                    raise _Wrong
+                self._limit[i][mode, what] = value
+                return ""
+            case _:
+                pass
+        i = self._axis(given[0])
+        x = self.table.state[i]
+        match words, question:
+            case ["limit", "absolute"], True:
+                ends = (degrees(float(e)) if abs(e) < inf else 1e9 * (1 if e > 0 else -1)
+                        for e in (x.low, x.high))  # fmt: skip
+                told = (*self._most.values(), _JERK, *ends, 0.0)
+                return ",".join(f"{v:.6f}" for v in told)
+            case ["read", "position"], True:
+                return f"{degrees(self.table.reading(i)):.6f}"
+            case ["read", "rate"], True:
+                return f"{degrees(float(x.encoder_rate)):.6f}"
+            case ["read", "acceleration"], True:
+                return f"{degrees(float(x.rotation)):.6f}"
+            case ["mode"], True:
+                return self._mode[i].capitalize()
+            case ["interlock"], True:
+                return self._interlock(i)
+            case ["interlock", "close"], False:
+                self.table.enable(i)
+            case ["interlock", "open"], False:
+                self.table.kill(i)
+                self._mode[i] = "off"
+            case ["demand", "position" | "rate" as what], False:
+                self._demand[i][what] = float(given[1])
+                self._obey(i)
+            case ["mode", "position" | "rate" | "off" as mode], False:
+                self._mode[i] = mode
+                self._obey(i)
+            case _:
+                raise _Wrong
+        return ""
+
+    def _obey(self, i: int) -> None:
+        """Start what mode and demand say."""
+        mode, x = self._mode[i], self.table.state[i]
+        if mode == "off":
+            self.table.halt(i)
+            return
+        limit, demand = self._limit[i], self._demand[i][mode]
+        x.acceleration = radians(limit[mode, "acceleration"])
+        try:
+            if mode == "position":
+                x.speed = radians(limit[mode, "rate"])
+                self.table.go(i, radians(demand))
+            elif demand == 0:
+                self.table.halt(i)
+            else:
+                x.speed = radians(min(abs(demand), limit[mode, "rate"]))
+                self.table.run(i, 1.0 if demand > 0 else -1.0)
+        except Killed:
+            raise _Wrong from None
+
+    def _interlock(self, i: int) -> str:
+        x = self.table.state[i]
+        return "Fault" if x.tripped or x.amplifier else "Closed" if x.closed else "Open"
+
+    def _axis(self, text: str) -> int:
+        if not re.fullmatch(r"\s*[0-9]\s*", text) or not 1 <= int(text) <= len(self._mode):
+            raise _Wrong
+        return int(text) - 1
+
+
+def _full(word: str) -> str:
+    """Return the word that `word`, of three letters at least, abbreviates."""
+    for full in _WORDS:
+        if len(word) >= 3 and full.startswith(word):
+            return full
+    raise _Wrong
+
+
+def main() -> None:
+    """Serve a simulated ACUTROL3000 until standard input ends; see `server.serve`."""
+    parser = ArgumentParser(prog="python -m inercal.host.sim.acutrol", description=__doc__)
+    parser.add_argument("--port", type=int, default=0, help="0: any free one, which is printed")
+    add_pace(parser)
+    options = parser.parse_args()
+    serve(SimulatedAcutrol(), pace_of(options), options.port)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,204 @@
+"""A table that turns as tables do: profiles, servo lag, limits, faults; no clock but its own.
+
+`advance(until)` runs whole servo cycles up to a bench time and returns the true motion in each of
+them; nothing else lets time pass, so that the same cycles give the same numbers at whatever pace.
+The equations are in `_kernel`.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import inf, pi
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.host.sim import _kernel as kernel
+
+Array = NDArray[np.float64]
+_TOGETHER = 1 << 14  # cycles in one block of motion at most
+FAULTS = ("amplifier", "frozen", "jammed")
+
+
+class Killed(Exception):
+    """A motion was asked of an axis whose servo is off."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """How an axis is built; angles in rad, from its own mechanical zero.
+
+    Parameters
+    ----------
+    name : str
+    start : float
+        True angle at the start; the encoder counts from there until it is homed.
+    index : float
+        Where the index pulse is, once a turn.
+    omega, zeta : float
+        Of the servo: rad/s, and damping.
+    feedforward : float
+        Of the rate; with 1 a steady rate has no following error.
+    torque : float
+        Most acceleration that the motor gives, rad/s².
+    friction : float
+        Deceleration of an axis that coasts, rad/s².
+    reading : callable, optional
+        Encoder's angle → what it says, rad: harmonics, noise. The servo feels the angle itself.
+    """
+
+    name: str = "axis"
+    start: float = 0.0
+    index: float = 0.0
+    omega: float = 60.0
+    zeta: float = 0.8
+    feedforward: float = 0.98
+    torque: float = 50.0
+    friction: float = 0.2
+    reading: Callable[[float], float] | None = None
+
+
+@dataclass(frozen=True)
+class Motion:
+    """The true motion, a row a servo cycle: `time` (n,) s, others (n, axes) rad, rad/s, rad/s²."""
+
+    time: Array
+    angle: Array
+    rate: Array
+    acceleration: Array
+
+
+class Table:
+    """A simulated table.
+
+    Parameters
+    ----------
+    axes : sequence of Axis
+        Outer to inner; their servos are off.
+    frequency : float
+        Servo cycles a second.
+    """
+
+    def __init__(self, axes: Sequence[Axis], frequency: float = 8388608e3 / 3713707):
+        self.axes = tuple(axes)
+        self.period = 1.0 / frequency
+        self.cycle = 0
+        # One row an axis: the controllers' simulators set and read its fields.
+        self.state: Any = np.zeros(len(self.axes), kernel.AXIS).view(np.recarray)
+        self._past = np.zeros((len(self.axes), kernel.MOST_SMOOTH))
+        for x, axis in zip(self.state, self.axes, strict=True):
+            x.omega, x.zeta, x.feedforward = axis.omega, axis.zeta, axis.feedforward
+            x.torque, x.friction, x.index = axis.torque, axis.friction, axis.index
+            x.angle = x.encoder = x.raw = x.desired = x.zero = axis.start
+            x.speed, x.acceleration, x.abort, x.smooth = 1.0, 1.0, 10.0, 1
+            x.low, x.high, x.fatal, x.band = -inf, inf, inf, 1e-5
+
+    @property
+    def time(self) -> float:
+        """Bench time at the end of the last servo cycle, s."""
+        return self.cycle * self.period
+
+    def advance(self, until: float) -> Motion:
+        """Run the servo cycles that end by bench time `until`, s; return the motion in them."""
+        # A time that was computed as a multiple of the period belongs to its cycle.
+        last = int(np.floor(until / self.period + 1e-6))
+        count = max(last - self.cycle, 0)
+        out = np.empty((count, len(self.axes), 3))
+        for start in range(0, count, _TOGETHER):
+            block = out[start : start + _TOGETHER]
+            kernel.advance(
+                self.state.view(np.ndarray), self._past, self.cycle, len(block), self.period, block
+            )
+            self.cycle += len(block)
+        time = self.period * np.arange(self.cycle - count + 1, self.cycle + 1, dtype=np.float64)
+        return Motion(time, out[..., 0], out[..., 1], out[..., 2])
+
+    def enable(self, i: int) -> None:
+        """Close the servo where the axis stands; what had tripped is forgotten."""
+        x = self.state[i]
+        if not x.closed and not x.amplifier:
+            x.closed, x.tripped = 1, 0
+            self._past[i] = 0.0
+
+    def kill(self, i: int) -> None:
+        """Take the power off."""
+        self.state[i].closed = 0
+
+    def go(self, i: int, angle: float) -> None:
+        """Move to `angle`, rad from the axis' zero."""
+        x = self._willing(i)
+        x.goal, x.mode = x.zero + angle, kernel.GO
+
+    def run(self, i: int, direction: float) -> None:
+        """Turn at the set speed, onward if `direction` is 1, back if it is −1."""
+        x = self._willing(i)
+        x.direction, x.mode = direction, kernel.RUN
+
+    def search(self, i: int, direction: float = 1.0) -> None:
+        """Turn until the index pulse, go there, and make it zero."""
+        x = self._willing(i)
+        x.direction, x.mode, x.homed = direction, kernel.SEARCH, 0
+
+    def halt(self, i: int, abort: bool = False) -> None:
+        """Decelerate to rest as motions do, or at the deceleration of aborts."""
+        x = self.state[i]
+        x.mode, x.aborting = kernel.HOLD, int(abort)
+
+    def fault(self, i: int, what: str, on: bool = True) -> None:
+        """Set or clear a fault of `FAULTS`: amplifier off, encoder frozen, axis jammed."""
+        if what not in FAULTS:
+            raise ValueError(f"no fault {what!r}; possible: {', '.join(FAULTS)}")
+        self.state[i][what] = int(on)
+
+    def reading(self, i: int) -> float:
+        """Return what the encoder says, rad from the axis' zero."""
+        x, reading = self.state[i], self.axes[i].reading
+        return float((x.encoder if reading is None else reading(float(x.encoder))) - x.zero)
+
+    def settled(self, i: int) -> bool:
+        """Tell whether the axis is held, at rest, and within the band."""
+        x = self.state[i]
+        return bool(x.closed and not self.moving(i) and abs(x.desired - x.encoder) <= x.band)
+
+    def moving(self, i: int) -> bool:
+        """Tell whether the commanded rate is other than zero, or about to be."""
+        x = self.state[i]
+        return bool(x.closed and (x.mode != kernel.HOLD or x.raw_rate or x.desired_rate))
+
+    def _willing(self, i: int) -> Any:
+        x = self.state[i]
+        if not x.closed:
+            raise Killed
+        x.aborting = x.limited = 0
+        return x
+
+
+def three_axes() -> tuple[Axis, ...]:
+    """Outer, middle and inner axis of a table for IMUs; they stand anywhere when switched on."""
+    return (
+        Axis("outer", start=0.4, omega=40.0, torque=20.0),
+        Axis("middle", start=-0.7, omega=50.0, torque=30.0),
+        Axis("inner", start=pi / 3, omega=60.0, torque=60.0),
+    )
+
+
+def fault_in_words(table: Table, words: str) -> None:
+    """Set a fault told in words, `amplifier 2` or `frozen 1 off`: its name, and the axis from 1.
+
+    Raises
+    ------
+    ValueError
+        No such fault or axis; the message says what is possible.
+    """
+    match words.split():
+        case [what, number, *state] if (
+            what in FAULTS
+            and number in map(str, range(1, len(table.axes) + 1))
+            and state in ([], ["on"], ["off"])
+        ):
+            table.fault(int(number) - 1, what, state != ["off"])
+        case _:
+            raise ValueError(
+                f"no fault {words!r}; possible: {', '.join(FAULTS)}, an axis from 1 to "
+                f"{len(table.axes)}, and on or off"
+            )

@@ -1,0 +1,99 @@
+"""A simulated motor of a rate table: lines in ASCII, each answered and ended by a prompt `>`.
+
+Run as `python -m inercal.host.sim.motor`, on a pseudo-terminal, or with `--port` over TCP.
+"""
+
+from argparse import ArgumentParser
+from math import degrees, isfinite, radians
+
+from inercal.host.sim.dynamics import Axis, Motion, Table, fault_in_words
+from inercal.host.sim.lines import LineSession
+from inercal.host.sim.server import add_pace, pace_of, serve
+
+
+class SimulatedMotor:
+    """A motor that turns the table at up to `rate` °/s, from anywhere; its servo is always on."""
+
+    def __init__(self, axis: Axis | None = None, rate: float = 600.0, acceleration: float = 200.0):
+        self.table = Table([axis or Axis("table", start=1.2, omega=25.0, feedforward=0.9)], 1000.0)
+        self._most = {"JOG": rate, "VEL": rate, "ACL": acceleration}
+        self.table.state[0].fatal = radians(10.0)
+        self.table.enable(0)
+
+    @property
+    def time(self) -> float:
+        """Bench time, s."""
+        return self.table.time
+
+    def advance(self, until: float) -> Motion:
+        """Let bench time pass; return the true motion of each servo cycle."""
+        return self.table.advance(until)
+
+    def session(self) -> LineSession:
+        """Return the controller's side of a new connection."""
+        return LineSession(b"\r", self._line)
+
+    def fault(self, words: str) -> None:
+        """Set a fault of the table in words: `amplifier 1`, `frozen 1 off`, `jammed 1`."""
+        fault_in_words(self.table, words)
+
+    def _line(self, line: str) -> str:
+        x = self.table.state[0]
+        if not x.closed and not line.startswith("P"):
+            return "? drive fault\r\n>"
+        match line.upper().split():
+            case []:
+                pass
+            case ["PPO"]:
+                return f"{degrees(self.table.reading(0)):.4f}\r\n>"
+            case ["PVE"]:
+                return f"{degrees(float(x.encoder_rate)):.4f}\r\n>"
+            case ["STO"]:
+                self.table.halt(0)
+            case ["HOM"]:
+                x.speed = radians(20.0)
+                self.table.search(0)
+            case ["ACL" | "VEL" | "JOG" | "POS" as what, text] if _is_number(text):
+                value = float(text)
+                if abs(value) > self._most.get(what, 1e9) or (
+                    what in ("ACL", "VEL") and value <= 0
+                ):
+                    return "? range\r\n>"
+                self._set(what, radians(value))
+            case _:
+                return "? command\r\n>"
+        return "\r\n>"
+
+    def _set(self, what: str, value: float) -> None:
+        x = self.table.state[0]
+        if what == "ACL":
+            x.acceleration = x.abort = value
+        elif what == "VEL":
+            x.speed = value
+        elif what == "POS":
+            self.table.go(0, value)
+        elif value == 0:
+            self.table.halt(0)
+        else:
+            x.speed = abs(value)
+            self.table.run(0, 1.0 if value > 0 else -1.0)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        return isfinite(float(text))
+    except ValueError:
+        return False
+
+
+def main() -> None:
+    """Serve a simulated motor until standard input ends; see `server.serve`."""
+    parser = ArgumentParser(prog="python -m inercal.host.sim.motor", description=__doc__)
+    parser.add_argument("--port", type=int, help="of TCP, 0: any free one; else a pseudo-terminal")
+    add_pace(parser)
+    options = parser.parse_args()
+    serve(SimulatedMotor(), pace_of(options), options.port or 0, options.port is None)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,122 @@
+"""A simulated Turbo PMAC: the commands that a table needs, over its Ethernet protocol.
+
+Written from the manual, apart from the driver: what the two have in common is the protocol. The
+codec is `_Session`, the command line `pmac_commands`, the table `dynamics.Table`.
+
+Not simulated: programs (`BnR` finds none: ERR015), coordinate systems, MACRO, data gathering. A
+whole line is carried out within one servo cycle.
+
+Run as `python -m inercal.host.sim.pmac --port 1025`.
+"""
+
+from argparse import ArgumentParser
+from math import tau
+from struct import unpack_from
+
+from inercal.host.sim.dynamics import Axis, Motion, Table, fault_in_words, three_axes
+from inercal.host.sim.pmac_commands import Interpreter
+from inercal.host.sim.server import add_pace, pace_of, serve
+
+_CHUNK = 1400
+_WITH_DATA = (0xB0, 0xBF, 0xC6)  # SENDLINE, GETRESPONSE, WRITEBUFFER: the length is that of data
+
+
+class SimulatedPmac:
+    """A Turbo PMAC with a motor for each axis of a table, 1 the outermost.
+
+    Parameters
+    ----------
+    axes : sequence of Axis
+        Outer to inner.
+    counts_per_turn : int
+        Encoder counts, alike on all axes.
+    """
+
+    def __init__(
+        self,
+        axes: tuple[Axis, ...] | None = None,
+        counts_per_turn: int = 3_600_000,
+        i10: int = 3713707,
+    ):
+        self.table = Table(axes or three_axes(), 8388608e3 / i10)
+        self.interpreter = Interpreter(self.table, counts_per_turn / tau, i10)
+
+    @property
+    def time(self) -> float:
+        """Bench time, s."""
+        return self.table.time
+
+    def advance(self, until: float) -> Motion:
+        """Let bench time pass; return the true motion of each servo cycle."""
+        return self.table.advance(until)
+
+    def session(self) -> "_Session":
+        """Return the controller's side of a new connection."""
+        return _Session(self.interpreter)
+
+    def fault(self, words: str) -> None:
+        """Set a fault of the table in words: `amplifier 2`, `frozen 1 off`, `jammed 3`."""
+        fault_in_words(self.table, words)
+
+
+class _Session:
+    """The Ethernet protocol: packets in, chunks of replies out."""
+
+    def __init__(self, interpreter: Interpreter):
+        self._interpreter = interpreter
+        self._motor = 1  # `#n` stays addressed until the next
+        self._arrived = b""
+        self._rest = b""
+
+    def feed(self, data: bytes) -> bytes:
+        """As `server.Session.feed`."""
+        self._arrived += data
+        answer = b""
+        while len(self._arrived) >= 8:
+            kind, request, value, _, length = unpack_from(">BBHHH", self._arrived)
+            size = 8 + (length if kind == 0x40 and request in _WITH_DATA else 0)
+            if len(self._arrived) < size:
+                break
+            packet, self._arrived = self._arrived[8:size], self._arrived[size:]
+            answer += self._answer(kind, request, value, packet)
+        return answer
+
+    def _answer(self, kind: int, request: int, value: int, packet: bytes) -> bytes:
+        match kind, request:
+            case 0x40, 0xBF:  # GETRESPONSE
+                reply, self._motor = self._interpreter.line(packet, self._motor)
+                self._rest = reply
+                return self._chunk()
+            case 0x40, 0xB0:  # SENDLINE
+                self._rest, self._motor = self._interpreter.line(packet, self._motor)
+                return b"@"
+            case 0xC0, 0xC5:  # GETBUFFER; NUL where there is nothing
+                return self._chunk() or b"\x00"
+            case 0xC0, 0xC2:  # READREADY
+                return bytes([bool(self._rest), 0])
+            case 0xC0, 0xC4:  # CTRL_RESPONSE; the character in either byte, as hosts differ
+                self._interpreter.control(value >> 8 or value & 0xFF)
+                return b"\x06"
+            case 0x40, 0xB3:  # FLUSH
+                self._rest = b""
+                return b"@"
+            case _:
+                return b""
+
+    def _chunk(self) -> bytes:
+        chunk, self._rest = self._rest[:_CHUNK], self._rest[_CHUNK:]
+        return chunk
+
+
+def main() -> None:
+    """Serve a simulated PMAC until standard input ends; see `server.serve` for what can be told."""
+    parser = ArgumentParser(prog="python -m inercal.host.sim.pmac", description=__doc__)
+    parser.add_argument("--port", type=int, default=0, help="0: any free one, which is printed")
+    parser.add_argument("--counts", type=int, default=3_600_000, help="encoder counts in a turn")
+    add_pace(parser)
+    options = parser.parse_args()
+    serve(SimulatedPmac(counts_per_turn=options.counts), pace_of(options), options.port)
+
+
+if __name__ == "__main__":
+    main()

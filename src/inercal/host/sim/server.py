@@ -1,0 +1,299 @@
+"""A simulated device at the end of a real connection: TCP, or a pseudo-terminal.
+
+The device looks at no clock. `pace` says what bench time it is whenever bytes come, and `advance`
+lets time pass from outside: a wall clock (`WallClock`) or grants (`Granted`) pace the same numbers.
+"""
+
+import os
+import selectors
+import socket
+import sys
+from argparse import ArgumentParser, Namespace
+from collections.abc import Callable
+from threading import RLock, Thread
+from time import monotonic
+from typing import Protocol, Self, TextIO
+
+from inercal.host.sim.faults import Faults
+
+_TICK = 0.02  # s of wall time after which time passes though nobody asks
+_READ = 4096
+
+
+class Session(Protocol):
+    """One connection's side of a device: bytes in, bytes out."""
+
+    def feed(self, data: bytes) -> bytes:
+        """Take bytes that arrived; return what answers them at once."""
+        ...
+
+
+class Device(Protocol):
+    """What a server serves."""
+
+    @property
+    def time(self) -> float:
+        """Bench time, s."""
+        ...
+
+    def advance(self, until: float) -> object:
+        """Let bench time pass."""
+        ...
+
+    def session(self) -> Session:
+        """Return the device's side of a new connection."""
+        ...
+
+    def fault(self, words: str) -> None:
+        """Set a fault of the device itself; raises `ValueError` that says what is possible."""
+        ...
+
+
+class WallClock:
+    """Bench time that passes `factor` times as fast as the wall's, from 0."""
+
+    def __init__(self, factor: float = 1.0):
+        self._start, self._factor = monotonic(), factor
+
+    def __call__(self) -> float:
+        """Return bench time, s."""
+        return (monotonic() - self._start) * self._factor
+
+
+class Granted:
+    """Bench time that stands still but for what it is set to."""
+
+    def __init__(self, now: float = 0.0):
+        self.now = now
+
+    def __call__(self) -> float:
+        """Return bench time, s."""
+        return self.now
+
+
+class Server:
+    """Serves `device` on `host`:`port` (0: any free port), or on a pseudo-terminal.
+
+    As a context manager it runs in a thread of its own; `address` is what `open_link` opens.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        pace: Callable[[], float] | None = None,
+        faults: Faults | None = None,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        terminal: bool = False,
+    ):
+        self.device = device
+        self.pace = pace or Granted()
+        self.faults = faults or Faults()
+        self.lock = RLock()
+        self._stopped = False
+        self._late: list[tuple[float, _Line, bytes]] = []
+        self._selector = selectors.DefaultSelector()
+        self._poke, self._poked = socket.socketpair()
+        self._selector.register(self._poked, selectors.EVENT_READ)
+        self._listener: socket.socket | None = None
+        if terminal:
+            line, path = _open_terminal()
+            self.address = f"serial:{path}"
+            self._add(line)
+        else:
+            self._listener = socket.create_server((host, port))
+            self._selector.register(self._listener, selectors.EVENT_READ)
+            self.port: int = self._listener.getsockname()[1]
+            self.address = f"tcp://{host}:{self.port}"
+
+    def run(self) -> None:
+        """Serve until `stop`."""
+        try:
+            while not self._stopped:
+                for key, _ in self._selector.select(_TICK):
+                    if key.fileobj is self._poked:
+                        self._poked.recv(_READ)
+                    elif key.fileobj is self._listener:
+                        self._accept()
+                    else:
+                        self._serve(key.data)
+                self._pass()
+        finally:
+            for key in list(self._selector.get_map().values()):
+                if isinstance(key.data, _Line):
+                    key.data.close()
+            for end in (self._listener, self._poke, self._poked):
+                if end is not None:
+                    end.close()
+            self._selector.close()
+
+    def stop(self) -> None:
+        """End `run`."""
+        self._stopped = True
+        self._poke.send(b".")
+
+    def advance(self, until: float) -> None:
+        """Let bench time pass up to `until`, s, where the pace is granted."""
+        with self.lock:
+            if isinstance(self.pace, Granted):
+                self.pace.now = until
+            self.device.advance(until)
+        self._poke.send(b".")
+
+    def drop(self) -> None:
+        """End all connections as an unplugged cable does."""
+        with self.lock:
+            for key in list(self._selector.get_map().values()):
+                if isinstance(key.data, _Line):
+                    self._remove(key.data)
+
+    def _pass(self) -> None:
+        """Let time pass to now, and send the late replies that are due."""
+        with self.lock:
+            self.device.advance(self.pace())
+            due = [late for late in self._late if late[0] <= self.device.time]
+            self._late = [late for late in self._late if late[0] > self.device.time]
+            for _, line, reply in due:
+                self._send(line, reply)
+
+    def _accept(self) -> None:
+        assert self._listener is not None
+        connection, _ = self._listener.accept()
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._add(
+            _Line(connection, lambda: connection.recv(_READ), connection.sendall, connection.close)
+        )
+
+    def _add(self, line: "_Line") -> None:
+        line.session = self.device.session()
+        self._selector.register(line.end, selectors.EVENT_READ, line)
+
+    def _remove(self, line: "_Line") -> None:
+        if not line.closed:
+            self._selector.unregister(line.end)
+            line.close()
+
+    def _serve(self, line: "_Line") -> None:
+        with self.lock:
+            if line.closed:
+                return
+            try:
+                data = line.receive()
+            except OSError:
+                data = b""
+            if not data:
+                self._remove(line)
+                return
+            self.device.advance(self.pace())
+            reply = line.session.feed(data)
+            if reply and self.faults.delay:
+                self._late.append((self.device.time + self.faults.delay, line, reply))
+            elif reply:
+                self._send(line, reply)
+
+    def _send(self, line: "_Line", reply: bytes) -> None:
+        pieces, ends = self.faults.spoil(reply)
+        try:
+            for piece in pieces:
+                line.send(piece)
+        except OSError:
+            ends = True
+        if ends:
+            self._remove(line)
+
+    def __enter__(self) -> Self:
+        self._thread = Thread(target=self.run, daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+        self._thread.join()
+
+
+class _Line:
+    """One end of a connection: a socket, or the descriptor of a pseudo-terminal."""
+
+    session: Session
+
+    def __init__(
+        self,
+        end: socket.socket | int,
+        receive: Callable[[], bytes],
+        send: Callable[[bytes], object],
+        close: Callable[[], None],
+    ):
+        self.end, self.receive, self.closed = end, receive, False
+        self._send, self._close = send, close
+
+    def send(self, data: bytes) -> None:
+        if self.closed:
+            raise BrokenPipeError
+        self._send(data)
+
+    def close(self) -> None:
+        if not self.closed:
+            self.closed = True
+            self._close()
+
+
+def _open_terminal() -> tuple[_Line, str]:
+    """Return the device's end of a pseudo-terminal, and the path of the host's."""
+    import pty
+    import tty
+
+    device, host = pty.openpty()
+    tty.setraw(host)
+
+    def send(data: bytes) -> None:
+        while data:
+            data = data[os.write(device, data) :]
+
+    def close() -> None:
+        os.close(device)
+        os.close(host)
+
+    # The host's end stays open here too: else it hangs up whenever no program has it open.
+    return _Line(device, lambda: os.read(device, _READ), send, close), os.ttyname(host)
+
+
+def serve(device: Device, pace: Callable[[], float], port: int, terminal: bool = False) -> None:
+    """Serve until standard input ends, which tells faults and time, a line each.
+
+    The address is printed first, as `at tcp://127.0.0.1:40123`; each line told is answered by `ok`
+    or by what is wrong. `advance 1.5` lets time pass where it is granted; the faults are those of
+    `faults` and of the device.
+    """
+    with Server(device, pace, port=port, terminal=terminal) as server:
+        print(f"at {server.address}", flush=True)
+        obey(server, sys.stdin, sys.stdout)
+
+
+def obey(server: Server, told: TextIO, answers: TextIO) -> None:
+    """Do what each line of `told` says, until there is no more."""
+    for line in told:
+        try:
+            match line.split():
+                case ["advance", until] if isinstance(server.pace, Granted):
+                    server.advance(float(until))
+                case ["fault", *words]:
+                    with server.lock:
+                        server.device.fault(" ".join(words))
+                case _:
+                    with server.lock:
+                        server.faults.tell(line.strip())
+            print("ok", file=answers, flush=True)
+        except ValueError as error:
+            print(f"no: {error}", file=answers, flush=True)
+
+
+def add_pace(parser: ArgumentParser) -> None:
+    """Add the option `--pace`: a factor of the wall clock, or `told`."""
+    parser.add_argument(
+        "--pace", default="1", help="bench time against the wall's, as 10; or told: by `advance T`"
+    )
+
+
+def pace_of(options: Namespace) -> Callable[[], float]:
+    """Return the pace that `--pace` asks for."""
+    return Granted() if options.pace == "told" else WallClock(float(options.pace))
