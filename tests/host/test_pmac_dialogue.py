@@ -39,11 +39,9 @@ def test_a_long_reply_is_asked_for_in_chunks_of_1400(scripted):
 
 
 def test_a_reply_that_comes_after_the_timeout_is_never_taken_for_the_next(pmac: Server):
-    with Dialogue(pmac.address, 0.05) as dialogue:
+    with Dialogue(pmac.address, 0.3) as dialogue:
         pmac.faults.delay = 1.0
-        with pytest.raises(
-            (ProtocolError, LinkLost), match="no whole reply to '#1P'|no Turbo PMAC"
-        ):
+        with pytest.raises((ProtocolError, LinkLost), match=r"no whole reply|no Turbo PMAC"):
             dialogue.ask("#1P", 1)
         pmac.faults.delay = 0.0
         pmac.advance(0.5)

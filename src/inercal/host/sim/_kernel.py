@@ -3,10 +3,11 @@
 **Profile.** A trapezoid made online: the commanded rate goes, at most by `acceleration`·T a cycle,
 toward the highest rate from which the axis still stops at its goal,
 
-    r = a (√(T²/4 + 2 d/a) − T/2),    r ≤ speed,    r ≤ d/T
+    r = d/(N T) + a T (N − 1)/2 ≤ speed,    N = ⌈√(1/4 + 2 d/(a T²)) − 1/2⌉
 
-d the way left. Exact in discrete time: braking from r by a·T a cycle takes r²/2a + r T/2. The mean
-of the last `smooth` such rates is an S-curve that ends at the same place.
+d the way left, N the fewest cycles in which it brakes: by exactly a T in each, since the rates r,
+r − a T, … make d in N cycles. The mean of the last `smooth` such rates is an S-curve that ends at
+the same place.
 
 **Servo.** What the axis does is of the second order, with the encoder in the loop:
 
@@ -17,7 +18,7 @@ so that a steady rate lags by 2ζ(1 − k)/ω times it. Without the servo, frict
 # Numba's decorator has no types, nor has a field of a record.
 # pyright: reportUntypedFunctionDecorator=false, reportAttributeAccessIssue=false
 
-from math import copysign, floor, sqrt, tau
+from math import ceil, copysign, floor, sqrt, tau
 from typing import Any
 
 import numpy as np
@@ -87,11 +88,12 @@ def _profile(x: Any, period: float) -> None:
         wanted = x.direction * x.speed
     elif x.mode == GO:
         left = x.goal - x.raw
-        if abs(left) <= step * period and abs(x.raw_rate) <= 2.0 * step:
+        if abs(left) <= 1e-15 * (1.0 + abs(x.goal)) and abs(x.raw_rate) <= 1.0001 * step:
             x.raw, x.raw_rate, x.mode = x.goal, 0.0, HOLD
             return
-        most = limit * (sqrt(0.25 * period * period + 2.0 * abs(left) / limit) - 0.5 * period)
-        wanted = copysign(min(most, x.speed, abs(left) / period), left)
+        cycles = max(ceil(sqrt(0.25 + 2.0 * abs(left) / (step * period)) - 0.5), 1.0)
+        most = abs(left) / (cycles * period) + 0.5 * step * (cycles - 1.0)
+        wanted = copysign(min(most, x.speed), left)
     change = wanted - x.raw_rate
     x.raw_rate += min(max(change, -step), step)
     x.raw += x.raw_rate * period

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from inercal.host.sim import _kernel as kernel
 
 Array = NDArray[np.float64]
-_TOGETHER = 1 << 14  # cycles in one block of motion at most
 FAULTS = ("amplifier", "frozen", "jammed")
 
 
@@ -92,6 +91,8 @@ class Table:
             x.angle = x.encoder = x.raw = x.desired = x.zero = axis.start
             x.speed, x.acceleration, x.abort, x.smooth = 1.0, 1.0, 10.0, 1
             x.low, x.high, x.fatal, x.band = -inf, inf, inf, 1e-5
+        # No cycle, but what is not yet compiled is now, and not while a host waits for an answer.
+        self._run(np.empty((0, len(self.axes), 3)))
 
     @property
     def time(self) -> float:
@@ -104,14 +105,14 @@ class Table:
         last = int(np.floor(until / self.period + 1e-6))
         count = max(last - self.cycle, 0)
         out = np.empty((count, len(self.axes), 3))
-        for start in range(0, count, _TOGETHER):
-            block = out[start : start + _TOGETHER]
-            kernel.advance(
-                self.state.view(np.ndarray), self._past, self.cycle, len(block), self.period, block
-            )
-            self.cycle += len(block)
+        self._run(out)
         time = self.period * np.arange(self.cycle - count + 1, self.cycle + 1, dtype=np.float64)
         return Motion(time, out[..., 0], out[..., 1], out[..., 2])
+
+    def _run(self, out: Array) -> None:
+        state = self.state.view(np.ndarray)
+        kernel.advance(state, self._past, self.cycle, len(out), self.period, out)
+        self.cycle += len(out)
 
     def enable(self, i: int) -> None:
         """Close the servo where the axis stands; what had tripped is forgotten."""

@@ -1,0 +1,118 @@
+"""A table on an ACUTROL3000: the driver against the simulator, and the bytes of programs in use."""
+
+from collections.abc import Iterator
+from math import isnan, radians
+
+import pytest
+
+from inercal.errors import InputError
+from inercal.host.drivers.acutrol import Acutrol, AcutrolAxis
+from inercal.host.drivers.table import ProtocolError, TableFault
+from inercal.host.sim.acutrol import SimulatedAcutrol
+from inercal.host.sim.server import Server
+
+AXES = (AcutrolAxis("outer", 1), AcutrolAxis("middle", 2), AcutrolAxis("inner", 3))
+
+
+@pytest.fixture
+def server() -> Iterator[Server]:
+    with Server(SimulatedAcutrol()) as server:
+        yield server
+
+
+@pytest.fixture
+def table(server: Server) -> Iterator[Acutrol]:
+    with Acutrol(server.address, AXES, timeout=5.0) as table:
+        table.enable()
+        yield table
+
+
+def test_the_simulator_answers_as_programs_in_use_expect():
+    session = SimulatedAcutrol().session()
+    assert session.feed(b":Interlock:Reset\r\n:mode:off 1\r\n:int:close 1\r\n") == b""
+    assert session.feed(b":mode:rate 1\r\n:dem:rate 1,0\r\n:mode? 1\r\n") == b"Rate\n"
+    position, rate, acceleration = session.feed(b":read:pos? 1;rate? 1;acc? 1\n").split(b";")
+    assert float(position) == pytest.approx(22.918312)
+    assert (float(rate), float(acceleration)) == (0.0, 0.0)
+    assert session.feed(b":limit:rate pos,1,30\n:limit:rate? pos,1\n") == b"30.000000\n"
+    assert session.feed(b"*stb?\n") == b"0\n"
+    assert session.feed(b":no:such 1\n*stb?\n") == b"4\n"
+
+
+def test_a_move_ends_in_position(server: Server, table: Acutrol):
+    table.move("inner", radians(-120), radians(60), radians(100))
+    server.advance(1.0)
+    assert table.read().axes[2].moving
+    server.advance(9.0)
+    state = table.read()
+    assert isnan(state.time)
+    assert state.axes[2].settled
+    assert state.axes[2].angle == pytest.approx(radians(-120), abs=radians(1e-3))
+
+
+def test_an_old_demand_moves_nothing_when_the_mode_changes(server: Server, table: Acutrol):
+    table.spin("outer", radians(50), radians(100))
+    server.advance(2.0)
+    table.stop()
+    server.advance(4.0)
+    here = table.read().axes[0].angle
+    table.move("outer", here, radians(10), radians(10))
+    table.spin("outer", 0.0, radians(10))
+    server.advance(6.0)
+    assert table.read().axes[0].angle == pytest.approx(here, abs=1e-6)
+
+
+def test_a_rate_is_kept_and_stopped(server: Server, table: Acutrol):
+    table.spin("middle", radians(-30), radians(60))
+    server.advance(3.0)
+    assert table.read().axes[1].rate == pytest.approx(radians(-30), rel=1e-4)
+    with pytest.raises(TableFault, match="would coast"):
+        table.kill()
+    table.stop()
+    server.advance(5.0)
+    assert table.read().axes[1].settled
+    table.kill()
+    assert not table.read().axes[1].enabled
+
+
+def test_a_killed_axis_and_an_interlock_fault_are_told(server: Server, table: Acutrol):
+    table.kill()
+    with pytest.raises(TableFault, match="refuses"):
+        table.spin("inner", 1.0, 1.0)
+    server.device.fault("amplifier 3")
+    with pytest.raises(TableFault, match="interlock fault"):
+        table.enable()
+    assert table.read().axes[2].faults == ("interlock fault",)
+
+
+def test_limits_come_from_the_controller(table: Acutrol):
+    with pytest.raises(InputError, match="at most 400"):
+        table.spin("inner", radians(401), 1.0)
+
+
+def test_a_reply_that_comes_too_late_is_never_the_next_one(server: Server):
+    with Acutrol(server.address, AXES, timeout=0.3) as table:
+        server.faults.delay = 1.0
+        with pytest.raises(ProtocolError, match=r"within 0\.3 s"):
+            table.read()
+        server.faults.delay = 0.0
+        table.enable()
+        server.advance(2.0)
+        assert table.read().axes[0].enabled
+
+
+def test_replies_in_pieces_are_the_same(server: Server, table: Acutrol):
+    server.faults.fragment = 1
+    assert table.read().axes[0].angle == pytest.approx(0.4)
+
+
+@pytest.mark.parametrize("reply", [b"1;2\n", b"a;0;Closed\n", b"1;0;Closed\n;", b"\xff;0;Open\n"])
+def test_what_is_no_reading_is_refused(scripted, reply: bytes):
+    def answer(line: bytes) -> bytes:
+        return b"1,1,1,-1,1,0\n" if b"limit" in line else reply
+
+    with (
+        Acutrol("tcp://x:1", AXES[:1], 0.01, lambda _: scripted(answer)) as table,
+        pytest.raises(ProtocolError),
+    ):
+        table.read()

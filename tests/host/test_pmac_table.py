@@ -1,0 +1,256 @@
+"""A table on a Turbo PMAC: the driver against the simulator, in SI."""
+
+from math import inf, nan, radians, tau
+
+import numpy as np
+import pytest
+
+from inercal.errors import InputError
+from inercal.host.drivers.pmac import Pmac, PmacAxis
+from inercal.host.drivers.pmac_codec import Refused
+from inercal.host.drivers.pmac_dialogue import Dialogue
+from inercal.host.drivers.table import TableFault
+from inercal.host.link import LinkLost
+from inercal.host.sim.pmac import SimulatedPmac
+from inercal.host.sim.server import Server
+
+COUNTS = 3_600_000
+COUNT = tau / COUNTS
+INNER = (PmacAxis("inner", 3, COUNTS),)
+
+
+def _tell(server: Server, line: str) -> None:
+    with Dialogue(server.address) as dialogue:
+        dialogue.ask(line)
+
+
+def test_a_move_keeps_its_limits_and_ends_in_position(pmac: Server, table: Pmac):
+    table.move("inner", radians(90), radians(30), radians(20))
+    motion = pmac.device.advance(1.0)
+    assert table.read().axes[2].moving
+    rest = pmac.device.advance(10.0)
+    state = table.read().axes[2]
+    assert state.settled
+    assert state.angle == pytest.approx(radians(90), abs=2 * COUNT)
+    rate = np.concatenate([motion.rate[:, 2], rest.rate[:, 2]])
+    turning = np.concatenate([motion.acceleration[:, 2], rest.acceleration[:, 2]])
+    # The servo overshoots a little; the profile itself keeps the limits (test_dynamics).
+    assert np.max(np.abs(rate)) == pytest.approx(radians(30), rel=0.02)
+    assert np.max(np.abs(turning)) <= 1.3 * radians(20)
+
+
+def test_a_rate_is_reached_kept_and_read_back(pmac: Server, table: Pmac):
+    table.spin("outer", radians(-100), radians(50))
+    pmac.advance(5.0)
+    state = table.read().axes[0]
+    # The controller rounds to 0.1 counts a cycle: 226 counts/s.
+    assert state.rate == pytest.approx(radians(-100), abs=0.06 * COUNT / table.period)
+    assert state.moving
+    assert not state.settled
+    assert state.following_error == pytest.approx(0.0, abs=radians(0.2))
+    table.spin("outer", 0.0, radians(50))
+    pmac.advance(9.0)
+    assert table.read().axes[0].settled
+
+
+def test_time_is_the_servo_clock_of_the_same_cycle_as_the_angle(pmac: Server, table: Pmac):
+    start = table.read().time
+    assert start == 0.0
+    table.spin("inner", radians(30), radians(200))
+    pmac.advance(2.0)
+    first = table.read()
+    pmac.advance(3.0)
+    second = table.read()
+    assert (first.span, second.span) == (0.0, 0.0)
+    rate = (second.axes[2].angle - first.axes[2].angle) / (second.time - first.time)
+    assert rate == pytest.approx(radians(30), rel=1e-6)
+    assert second.time == pytest.approx(3.0, abs=table.period)
+
+
+def test_the_servo_clock_goes_on_where_its_24_bits_wrap(pmac: Server, table: Pmac):
+    simulated = pmac.device
+    assert isinstance(simulated, SimulatedPmac)
+    simulated.table.cycle = (1 << 24) - 3
+    with Pmac(pmac.address, INNER) as other:
+        before = other.read().time
+        pmac.advance((simulated.table.cycle + 10) * other.period)
+        assert other.read().time - before == pytest.approx(10 * other.period, rel=1e-9)
+
+
+def test_a_reading_over_several_cycles_says_so(scripted):
+    feed = SimulatedPmac().session().feed
+
+    def answer(data: bytes) -> bytes:
+        reply = feed(data)
+        return b"FFFFFE" + reply[1:-3] + b"2\r\x06" if b"RHX$0 #" in data else reply
+
+    with Pmac("tcp://x:1", INNER, opener=lambda _: scripted(answer)) as table:
+        state = table.read()
+    assert state.span == pytest.approx(4 * table.period)
+    assert state.time == pytest.approx(2 * table.period)
+
+
+def test_limits_are_read_from_the_controller_in_si(pmac: Server):
+    _tell(pmac, "I311=$3E80 I313=1800000 I314=-900000 I316=1000 I317=0.5")
+    with Pmac(pmac.address, INNER) as table:
+        limits = table.limits[0]
+        assert limits.high == pytest.approx(tau / 2)
+        assert limits.low == pytest.approx(-tau / 4)
+        assert limits.rate == pytest.approx(1e6 * COUNT)
+        assert limits.acceleration == pytest.approx(5e5 * COUNT)
+        assert limits.following_error == pytest.approx(1000 * COUNT)
+        table.enable()
+        with pytest.raises(
+            InputError, match="181° is beyond the soft limits; possible: -90° to 180"
+        ):
+            table.move("inner", radians(181), 0.1, 0.1)
+
+
+def test_an_axis_counted_backwards_turns_its_soft_limits_round(pmac: Server):
+    _tell(pmac, "I313=1800000 I314=-900000")
+    with Pmac(pmac.address, [PmacAxis("inner", 3, -COUNTS)]) as table:
+        assert (table.limits[0].low, table.limits[0].high) == pytest.approx((-tau / 2, tau / 4))
+        table.enable()
+        table.move("inner", -1.0, 1.0, 1.0)
+        pmac.advance(9.0)
+        assert table.read().axes[0].angle == pytest.approx(-1.0, abs=2 * COUNT)
+        simulated = pmac.device
+        assert isinstance(simulated, SimulatedPmac)
+        assert simulated.table.reading(2) == pytest.approx(1.0, abs=2 * COUNT)
+
+
+@pytest.mark.parametrize(
+    ("angle", "rate", "acceleration", "says"),
+    [
+        (0.1, 0.0, 1.0, "rate 0 is not possible"),
+        (0.1, 1.0, 0.0, "acceleration 0 is not possible"),
+        (0.1, 100.0, 1.0, "at most 400"),
+        (nan, 1.0, 1.0, "beyond the soft limits"),
+        (0.1, nan, 1.0, "is not possible"),
+        (0.1, 1.0, inf, "is not possible"),
+    ],
+)
+def test_a_motion_that_is_not_possible_is_refused_with_what_is(
+    table: Pmac, angle: float, rate: float, acceleration: float, says: str
+):
+    with pytest.raises(InputError, match=says):
+        table.move("inner", angle, rate, acceleration)
+
+
+def test_an_axis_that_is_not_there_is_refused_with_those_that_are(table: Pmac):
+    with pytest.raises(InputError, match="no axis 'yaw'; this table has outer, middle, inner"):
+        table.spin("yaw", 1.0, 1.0)
+
+
+def test_homing_finds_the_index_and_makes_it_zero(pmac: Server, table: Pmac):
+    table.home()
+    assert not any(axis.homed for axis in table.read().axes)
+    pmac.advance(60.0)
+    for axis in table.read().axes:
+        assert axis.homed
+        assert axis.settled
+        assert axis.angle == pytest.approx(0.0, abs=2 * COUNT)
+    simulated = pmac.device
+    assert isinstance(simulated, SimulatedPmac)
+    np.testing.assert_allclose(np.remainder(simulated.table.state.angle + 1, tau) - 1, 0, atol=1e-5)
+
+
+def test_stop_decelerates_at_ixx15_and_holds(pmac: Server, table: Pmac):
+    table.spin("middle", radians(100), radians(200))
+    pmac.advance(2.0)
+    table.stop()
+    pmac.advance(2.0 + 100 / 200 + 0.3)  # I215 is 2 counts/ms²: 200 °/s².
+    state = table.read().axes[1]
+    assert state.settled
+    assert state.enabled
+
+
+def test_stop_works_where_control_a_is_not_understood(pmac: Server, scripted):
+    simulated = SimulatedPmac()
+    feed = simulated.session().feed
+
+    def deaf(data: bytes) -> bytes:
+        return feed(data.replace(bytes.fromhex("C0 C4 01 00"), bytes.fromhex("C0 C4 00 00")))
+
+    with Pmac("tcp://x:1", INNER, opener=lambda _: scripted(deaf)) as table:
+        table.enable()
+        table.spin("inner", 1.0, 0.5)
+        simulated.advance(5.0)
+        table.stop()
+        simulated.advance(6.0)
+        assert table.read().axes[0].settled
+
+
+def test_kill_is_refused_while_an_axis_turns(pmac: Server, table: Pmac):
+    table.spin("outer", 1.0, 1.0)
+    pmac.advance(1.0)
+    with pytest.raises(TableFault, match="axis outer turns and would coast"):
+        table.kill()
+    assert table.read().axes[0].enabled
+    table.kill(coasting=True)
+    assert not table.read().axes[0].enabled
+    assert table.read().axes[0].rate > 0
+
+
+def test_a_killed_motor_that_is_jogged_is_refused_in_words(table: Pmac):
+    table.kill()
+    with pytest.raises(Refused, match=r"ERR012 .*: the motor's loop is open: enable it first"):
+        table.move("inner", 1.0, 1.0, 1.0)
+
+
+def test_a_soft_limit_stops_the_axis_and_is_told(pmac: Server, table: Pmac):
+    _tell(pmac, "I313=360000")
+    # Read when the table was opened, the limits do not know: the controller does.
+    table.spin("inner", radians(20), radians(100))
+    pmac.advance(6.0)
+    state = table.read().axes[2]
+    assert state.faults == ("stopped on a position limit",)
+    assert not state.moving
+    assert radians(36) <= state.angle <= radians(38)
+
+
+def test_an_amplifier_fault_takes_the_axis_off_and_is_told(pmac: Server, table: Pmac):
+    table.spin("inner", 1.0, 1.0)
+    pmac.advance(2.0)
+    pmac.device.fault("amplifier 3")
+    pmac.advance(2.1)
+    state = table.read().axes[2]
+    assert "amplifier fault" in state.faults
+    assert not state.enabled
+    table.enable()
+    pmac.advance(2.2)
+    assert not table.read().axes[2].enabled
+    pmac.device.fault("amplifier 3 off")
+    table.enable()
+    pmac.advance(2.3)
+    assert table.read().axes[2].enabled
+
+
+@pytest.mark.parametrize("fault", ["jammed", "frozen"])
+def test_an_axis_that_does_not_follow_trips(pmac: Server, table: Pmac, fault: str):
+    pmac.device.fault(f"{fault} 2")
+    table.spin("middle", radians(20), radians(100))
+    pmac.advance(3.0)
+    state = table.read().axes[1]
+    assert "fatal following error" in state.faults
+    assert not state.enabled
+
+
+def test_motors_that_are_off_or_skip_cycles_are_refused(pmac: Server):
+    _tell(pmac, "I360=2")
+    with pytest.raises(InputError, match="I360=0"):
+        Pmac(pmac.address, INNER)
+    with pytest.raises(InputError, match="I700=1"):
+        Pmac(pmac.address, [PmacAxis("fourth", 7, COUNTS)])
+
+
+def test_readings_survive_replies_in_pieces_and_a_dropped_connection(pmac: Server, table: Pmac):
+    pmac.faults.fragment = 1
+    table.move("inner", 0.5, 1.0, 1.0)
+    pmac.advance(3.0)
+    assert table.read().axes[2].angle == pytest.approx(0.5, abs=2 * COUNT)
+    pmac.drop()
+    with pytest.raises(LinkLost):
+        table.read()
+    assert table.read().axes[2].angle == pytest.approx(0.5, abs=2 * COUNT)
+    assert table.reconnected == 1
