@@ -14,13 +14,13 @@ AXES = tuple(PmacAxis(name, i, COUNTS) for i, name in enumerate(("outer", "middl
 
 
 @pytest.fixture
-def pmac() -> Iterator[Server]:
+def pmac() -> Iterator[Server[SimulatedPmac]]:
     with Server(SimulatedPmac(counts_per_turn=COUNTS)) as server:
         yield server
 
 
 @pytest.fixture
-def table(pmac: Server) -> Iterator[Pmac]:
+def table(pmac: Server[SimulatedPmac]) -> Iterator[Pmac]:
     with Pmac(pmac.address, AXES, timeout=5.0) as table:
         table.enable()
         yield table

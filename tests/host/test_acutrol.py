@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from math import isnan, radians
+from typing import Any
 
 import pytest
 
@@ -11,17 +12,19 @@ from inercal.host.drivers.table import ProtocolError, TableFault
 from inercal.host.sim.acutrol import SimulatedAcutrol
 from inercal.host.sim.server import Server
 
+Served = Server[SimulatedAcutrol]
+
 AXES = (AcutrolAxis("outer", 1), AcutrolAxis("middle", 2), AcutrolAxis("inner", 3))
 
 
 @pytest.fixture
-def server() -> Iterator[Server]:
+def server() -> Iterator[Served]:
     with Server(SimulatedAcutrol()) as server:
         yield server
 
 
 @pytest.fixture
-def table(server: Server) -> Iterator[Acutrol]:
+def table(server: Served) -> Iterator[Acutrol]:
     with Acutrol(server.address, AXES, timeout=5.0) as table:
         table.enable()
         yield table
@@ -39,7 +42,7 @@ def test_the_simulator_answers_as_programs_in_use_expect():
     assert session.feed(b":no:such 1\n*stb?\n") == b"4\n"
 
 
-def test_a_move_ends_in_position(server: Server, table: Acutrol):
+def test_a_move_ends_in_position(server: Served, table: Acutrol):
     table.move("inner", radians(-120), radians(60), radians(100))
     server.advance(1.0)
     assert table.read().axes[2].moving
@@ -50,7 +53,7 @@ def test_a_move_ends_in_position(server: Server, table: Acutrol):
     assert state.axes[2].angle == pytest.approx(radians(-120), abs=radians(1e-3))
 
 
-def test_an_old_demand_moves_nothing_when_the_mode_changes(server: Server, table: Acutrol):
+def test_an_old_demand_moves_nothing_when_the_mode_changes(server: Served, table: Acutrol):
     table.spin("outer", radians(50), radians(100))
     server.advance(2.0)
     table.stop()
@@ -62,7 +65,7 @@ def test_an_old_demand_moves_nothing_when_the_mode_changes(server: Server, table
     assert table.read().axes[0].angle == pytest.approx(here, abs=1e-6)
 
 
-def test_a_rate_is_kept_and_stopped(server: Server, table: Acutrol):
+def test_a_rate_is_kept_and_stopped(server: Served, table: Acutrol):
     table.spin("middle", radians(-30), radians(60))
     server.advance(3.0)
     assert table.read().axes[1].rate == pytest.approx(radians(-30), rel=1e-4)
@@ -75,7 +78,7 @@ def test_a_rate_is_kept_and_stopped(server: Server, table: Acutrol):
     assert not table.read().axes[1].enabled
 
 
-def test_a_killed_axis_and_an_interlock_fault_are_told(server: Server, table: Acutrol):
+def test_a_killed_axis_and_an_interlock_fault_are_told(server: Served, table: Acutrol):
     table.kill()
     with pytest.raises(TableFault, match="refuses"):
         table.spin("inner", 1.0, 1.0)
@@ -90,7 +93,7 @@ def test_limits_come_from_the_controller(table: Acutrol):
         table.spin("inner", radians(401), 1.0)
 
 
-def test_a_reply_that_comes_too_late_is_never_the_next_one(server: Server):
+def test_a_reply_that_comes_too_late_is_never_the_next_one(server: Served):
     with Acutrol(server.address, AXES, timeout=0.3) as table:
         server.faults.delay = 1.0
         with pytest.raises(ProtocolError, match=r"within 0\.3 s"):
@@ -101,13 +104,13 @@ def test_a_reply_that_comes_too_late_is_never_the_next_one(server: Server):
         assert table.read().axes[0].enabled
 
 
-def test_replies_in_pieces_are_the_same(server: Server, table: Acutrol):
+def test_replies_in_pieces_are_the_same(server: Served, table: Acutrol):
     server.faults.fragment = 1
     assert table.read().axes[0].angle == pytest.approx(0.4)
 
 
 @pytest.mark.parametrize("reply", [b"1;2\n", b"a;0;Closed\n", b"1;0;Closed\n;", b"\xff;0;Open\n"])
-def test_what_is_no_reading_is_refused(scripted, reply: bytes):
+def test_what_is_no_reading_is_refused(scripted: Any, reply: bytes):
     def answer(line: bytes) -> bytes:
         return b"1,1,1,-1,1,0\n" if b"limit" in line else reply
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from math import radians, tau
+from typing import Any
 
 import pytest
 
@@ -11,17 +12,19 @@ from inercal.host.drivers.table import AxisLimits, ProtocolError, TableFault
 from inercal.host.sim.motor import SimulatedMotor
 from inercal.host.sim.server import Server
 
+Served = Server[SimulatedMotor]
+
 LIMITS = AxisLimits(rate=radians(600), acceleration=radians(100))
 
 
 @pytest.fixture(params=[False, True], ids=["tcp", "terminal"])
-def server(request: pytest.FixtureRequest) -> Iterator[Server]:
+def server(request: pytest.FixtureRequest) -> Iterator[Served]:
     with Server(SimulatedMotor(), terminal=request.param) as server:
         yield server
 
 
 @pytest.fixture
-def motor(server: Server) -> Iterator[Motor]:
+def motor(server: Served) -> Iterator[Motor]:
     with Motor(server.address, LIMITS, timeout=5.0) as motor:
         yield motor
 
@@ -34,7 +37,7 @@ def test_lines_end_with_cr_and_replies_with_a_prompt():
     assert session.feed(b"JUMP\r") == b"? command\r\n>"
 
 
-def test_the_rates_of_the_ship_rig_are_kept(server: Server, motor: Motor):
+def test_the_rates_of_the_ship_rig_are_kept(server: Served, motor: Motor):
     motor.enable()
     for number, per_minute in enumerate((20, 46, 86), 1):
         motor.spin("table", per_minute / 60 * tau, radians(100))
@@ -45,7 +48,7 @@ def test_the_rates_of_the_ship_rig_are_kept(server: Server, motor: Motor):
     assert motor.read().axes[0].settled
 
 
-def test_homing_and_a_move_end_in_position(server: Server, motor: Motor):
+def test_homing_and_a_move_end_in_position(server: Served, motor: Motor):
     assert not motor.read().axes[0].homed
     motor.home()
     server.advance(30.0)
@@ -57,7 +60,7 @@ def test_homing_and_a_move_end_in_position(server: Server, motor: Motor):
     assert state.angle == pytest.approx(radians(45), abs=radians(0.01))
 
 
-def test_what_it_cannot_do_is_refused_in_words(server: Server, motor: Motor):
+def test_what_it_cannot_do_is_refused_in_words(server: Served, motor: Motor):
     with pytest.raises(InputError, match="at most 600"):
         motor.spin("table", radians(700), 1.0)
     with pytest.raises(TableFault, match="no command that takes the power off"):
@@ -68,7 +71,7 @@ def test_what_it_cannot_do_is_refused_in_words(server: Server, motor: Motor):
         motor.spin("table", 1.0, 1.0)
 
 
-def test_a_late_reply_is_read_away_before_the_next_question(server: Server):
+def test_a_late_reply_is_read_away_before_the_next_question(server: Served):
     with Motor(server.address, LIMITS, timeout=0.3) as motor:
         server.faults.delay = 1.0
         with pytest.raises(ProtocolError, match="no whole reply to b'PPO"):
@@ -77,7 +80,7 @@ def test_a_late_reply_is_read_away_before_the_next_question(server: Server):
         assert motor.read().axes[0].rate == 0.0
 
 
-def test_what_is_no_number_is_refused(scripted):
+def test_what_is_no_number_is_refused(scripted: Any):
     with (
         Motor("tcp://x:1", LIMITS, opener=lambda _: scripted(lambda _: b"12,5\r\n>")) as motor,
         pytest.raises(ProtocolError, match="no number in answer to 'PPO'"),

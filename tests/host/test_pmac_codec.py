@@ -107,7 +107,7 @@ _REAL = (
 def _mutated(rng: np.random.Generator) -> bytes:
     kind = rng.integers(4)
     if kind == 0:
-        return rng.bytes(rng.integers(1, 40))
+        return rng.bytes(int(rng.integers(1, 40)))
     frame = bytearray(_REAL[rng.integers(len(_REAL))])
     for _ in range(rng.integers(1, 4)):
         place = int(rng.integers(len(frame) + 1))

@@ -1,6 +1,7 @@
 """One question, one answer: also when replies are late, in pieces, damaged, or lost."""
 
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 
@@ -11,13 +12,15 @@ from inercal.host.link import LinkLost
 from inercal.host.sim.pmac import SimulatedPmac
 from inercal.host.sim.server import Server
 
+Served = Server[SimulatedPmac]
+
 
 def _simulated() -> Callable[[bytes], bytes]:
     return SimulatedPmac().session().feed
 
 
 @pytest.mark.parametrize("size", [1, 2, 3, 7, 1399, 1400])
-def test_replies_in_pieces_of_any_size_are_the_same(scripted, size: int):
+def test_replies_in_pieces_of_any_size_are_the_same(scripted: Any, size: int):
     line = " ".join(["I20..23 #1P I10"] * 60)
     with Dialogue("tcp://x:1", 1.0, lambda _: scripted(_simulated(), size)) as dialogue:
         lines = dialogue.ask(line, 360)
@@ -25,10 +28,10 @@ def test_replies_in_pieces_of_any_size_are_the_same(scripted, size: int):
         assert dialogue.reconnected == 0
 
 
-def test_a_long_reply_is_asked_for_in_chunks_of_1400(scripted):
+def test_a_long_reply_is_asked_for_in_chunks_of_1400(scripted: Any):
     links = []
 
-    def opener(_: str):
+    def opener(_: str) -> Any:
         links.append(scripted(_simulated()))
         return links[-1]
 
@@ -38,7 +41,9 @@ def test_a_long_reply_is_asked_for_in_chunks_of_1400(scripted):
     assert links[0].written[-2:] == [bytes.fromhex("C0 C5 00 00 00 00 05 78")] * 2
 
 
-def test_a_reply_that_comes_after_the_timeout_is_never_taken_for_the_next(pmac: Server):
+def test_a_reply_that_comes_after_the_timeout_is_never_taken_for_the_next(
+    pmac: Served,
+):
     with Dialogue(pmac.address, 0.3) as dialogue:
         pmac.faults.delay = 1.0
         with pytest.raises((ProtocolError, LinkLost), match=r"no whole reply|no Turbo PMAC"):
@@ -50,10 +55,10 @@ def test_a_reply_that_comes_after_the_timeout_is_never_taken_for_the_next(pmac: 
         assert dialogue.ask("I22", 1) == ["$0"]
 
 
-def test_the_rest_of_a_reply_cut_by_a_timeout_is_never_taken_for_the_next(scripted):
+def test_the_rest_of_a_reply_cut_by_a_timeout_is_never_taken_for_the_next(scripted: Any):
     late: list[bytes] = []
 
-    def opener(_: str):
+    def opener(_: str) -> Any:
         feed = _simulated()
 
         def answer(data: bytes) -> bytes:
@@ -75,10 +80,10 @@ def test_the_rest_of_a_reply_cut_by_a_timeout_is_never_taken_for_the_next(script
         assert dialogue.reconnected == 1
 
 
-def test_bytes_that_come_unasked_end_the_connection(scripted):
+def test_bytes_that_come_unasked_end_the_connection(scripted: Any):
     links = []
 
-    def opener(_: str):
+    def opener(_: str) -> Any:
         links.append(scripted(_simulated()))
         return links[-1]
 
@@ -89,7 +94,7 @@ def test_bytes_that_come_unasked_end_the_connection(scripted):
         assert dialogue.ask("I10", 1) == ["3713707"]
 
 
-def test_another_number_of_lines_is_no_answer(pmac: Server):
+def test_another_number_of_lines_is_no_answer(pmac: Served):
     with (
         Dialogue(pmac.address) as dialogue,
         pytest.raises(ProtocolError, match="1 lines answer 'I10', 2 were due"),
@@ -97,7 +102,7 @@ def test_another_number_of_lines_is_no_answer(pmac: Server):
         dialogue.ask("I10", 2)
 
 
-def test_a_refusal_keeps_the_connection(pmac: Server):
+def test_a_refusal_keeps_the_connection(pmac: Served):
     with Dialogue(pmac.address) as dialogue:
         with pytest.raises(Refused, match="ERR003"):
             dialogue.ask("nonsense")
@@ -107,7 +112,7 @@ def test_a_refusal_keeps_the_connection(pmac: Server):
         assert dialogue.reconnected == 0
 
 
-def test_corrupted_bytes_are_never_a_silent_number(pmac: Server):
+def test_corrupted_bytes_are_never_a_silent_number(pmac: Served):
     with Dialogue(pmac.address, 0.2) as dialogue:
         pmac.faults.corrupt = 7
         told: list[str] = []
@@ -120,7 +125,9 @@ def test_corrupted_bytes_are_never_a_silent_number(pmac: Server):
         assert told.count("0") > 150
 
 
-def test_a_dropped_connection_is_told_and_the_next_question_is_answered(pmac: Server):
+def test_a_dropped_connection_is_told_and_the_next_question_is_answered(
+    pmac: Served,
+):
     with Dialogue(pmac.address) as dialogue:
         pmac.faults.drop = 1
         with pytest.raises(LinkLost, match="closed by the other end"):
@@ -141,6 +148,6 @@ def test_a_controller_that_is_gone_is_a_lost_link_and_comes_back():
         assert dialogue.ask("I10", 1) == ["3713707"]
 
 
-def test_what_is_no_pmac_is_told(scripted):
+def test_what_is_no_pmac_is_told(scripted: Any):
     with pytest.raises(LinkLost, match="no Turbo PMAC answers there"):
         Dialogue("tcp://x:1", 0.01, lambda _: scripted(lambda _: b"SSH-2.0\r\n"))

@@ -1,6 +1,7 @@
 """A table on a Turbo PMAC: the driver against the simulator, in SI."""
 
 from math import inf, nan, radians, tau
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,17 +15,19 @@ from inercal.host.link import LinkLost
 from inercal.host.sim.pmac import SimulatedPmac
 from inercal.host.sim.server import Server
 
+Served = Server[SimulatedPmac]
+
 COUNTS = 3_600_000
 COUNT = tau / COUNTS
 INNER = (PmacAxis("inner", 3, COUNTS),)
 
 
-def _tell(server: Server, line: str) -> None:
+def _tell(server: Served, line: str) -> None:
     with Dialogue(server.address) as dialogue:
         dialogue.ask(line)
 
 
-def test_a_move_keeps_its_limits_and_ends_in_position(pmac: Server, table: Pmac):
+def test_a_move_keeps_its_limits_and_ends_in_position(pmac: Served, table: Pmac):
     table.move("inner", radians(90), radians(30), radians(20))
     motion = pmac.device.advance(1.0)
     assert table.read().axes[2].moving
@@ -39,7 +42,7 @@ def test_a_move_keeps_its_limits_and_ends_in_position(pmac: Server, table: Pmac)
     assert np.max(np.abs(turning)) <= 1.3 * radians(20)
 
 
-def test_a_rate_is_reached_kept_and_read_back(pmac: Server, table: Pmac):
+def test_a_rate_is_reached_kept_and_read_back(pmac: Served, table: Pmac):
     table.spin("outer", radians(-100), radians(50))
     pmac.advance(5.0)
     state = table.read().axes[0]
@@ -53,7 +56,7 @@ def test_a_rate_is_reached_kept_and_read_back(pmac: Server, table: Pmac):
     assert table.read().axes[0].settled
 
 
-def test_time_is_the_servo_clock_of_the_same_cycle_as_the_angle(pmac: Server, table: Pmac):
+def test_time_is_the_servo_clock_of_the_same_cycle_as_the_angle(pmac: Served, table: Pmac):
     start = table.read().time
     assert start == 0.0
     table.spin("inner", radians(30), radians(200))
@@ -67,9 +70,8 @@ def test_time_is_the_servo_clock_of_the_same_cycle_as_the_angle(pmac: Server, ta
     assert second.time == pytest.approx(3.0, abs=table.period)
 
 
-def test_the_servo_clock_goes_on_where_its_24_bits_wrap(pmac: Server, table: Pmac):
+def test_the_servo_clock_goes_on_where_its_24_bits_wrap(pmac: Served, table: Pmac):
     simulated = pmac.device
-    assert isinstance(simulated, SimulatedPmac)
     simulated.table.cycle = (1 << 24) - 3
     with Pmac(pmac.address, INNER) as other:
         before = other.read().time
@@ -77,7 +79,7 @@ def test_the_servo_clock_goes_on_where_its_24_bits_wrap(pmac: Server, table: Pma
         assert other.read().time - before == pytest.approx(10 * other.period, rel=1e-9)
 
 
-def test_a_reading_over_several_cycles_says_so(scripted):
+def test_a_reading_over_several_cycles_says_so(scripted: Any):
     feed = SimulatedPmac().session().feed
 
     def answer(data: bytes) -> bytes:
@@ -90,7 +92,7 @@ def test_a_reading_over_several_cycles_says_so(scripted):
     assert state.time == pytest.approx(2 * table.period)
 
 
-def test_limits_are_read_from_the_controller_in_si(pmac: Server):
+def test_limits_are_read_from_the_controller_in_si(pmac: Served):
     _tell(pmac, "I311=$3E80 I313=1800000 I314=-900000 I316=1000 I317=0.5")
     with Pmac(pmac.address, INNER) as table:
         limits = table.limits[0]
@@ -106,7 +108,7 @@ def test_limits_are_read_from_the_controller_in_si(pmac: Server):
             table.move("inner", radians(181), 0.1, 0.1)
 
 
-def test_an_axis_counted_backwards_turns_its_soft_limits_round(pmac: Server):
+def test_an_axis_counted_backwards_turns_its_soft_limits_round(pmac: Served):
     _tell(pmac, "I313=1800000 I314=-900000")
     with Pmac(pmac.address, [PmacAxis("inner", 3, -COUNTS)]) as table:
         assert (table.limits[0].low, table.limits[0].high) == pytest.approx((-tau / 2, tau / 4))
@@ -115,7 +117,6 @@ def test_an_axis_counted_backwards_turns_its_soft_limits_round(pmac: Server):
         pmac.advance(9.0)
         assert table.read().axes[0].angle == pytest.approx(-1.0, abs=2 * COUNT)
         simulated = pmac.device
-        assert isinstance(simulated, SimulatedPmac)
         assert simulated.table.reading(2) == pytest.approx(1.0, abs=2 * COUNT)
 
 
@@ -142,7 +143,7 @@ def test_an_axis_that_is_not_there_is_refused_with_those_that_are(table: Pmac):
         table.spin("yaw", 1.0, 1.0)
 
 
-def test_homing_finds_the_index_and_makes_it_zero(pmac: Server, table: Pmac):
+def test_homing_finds_the_index_and_makes_it_zero(pmac: Served, table: Pmac):
     table.home()
     assert not any(axis.homed for axis in table.read().axes)
     pmac.advance(60.0)
@@ -151,11 +152,10 @@ def test_homing_finds_the_index_and_makes_it_zero(pmac: Server, table: Pmac):
         assert axis.settled
         assert axis.angle == pytest.approx(0.0, abs=2 * COUNT)
     simulated = pmac.device
-    assert isinstance(simulated, SimulatedPmac)
     np.testing.assert_allclose(np.remainder(simulated.table.state.angle + 1, tau) - 1, 0, atol=1e-5)
 
 
-def test_stop_decelerates_at_ixx15_and_holds(pmac: Server, table: Pmac):
+def test_stop_decelerates_at_ixx15_and_holds(pmac: Served, table: Pmac):
     table.spin("middle", radians(100), radians(200))
     pmac.advance(2.0)
     table.stop()
@@ -165,7 +165,7 @@ def test_stop_decelerates_at_ixx15_and_holds(pmac: Server, table: Pmac):
     assert state.enabled
 
 
-def test_stop_works_where_control_a_is_not_understood(pmac: Server, scripted):
+def test_stop_works_where_control_a_is_not_understood(pmac: Served, scripted: Any):
     simulated = SimulatedPmac()
     feed = simulated.session().feed
 
@@ -181,7 +181,7 @@ def test_stop_works_where_control_a_is_not_understood(pmac: Server, scripted):
         assert table.read().axes[0].settled
 
 
-def test_kill_is_refused_while_an_axis_turns(pmac: Server, table: Pmac):
+def test_kill_is_refused_while_an_axis_turns(pmac: Served, table: Pmac):
     table.spin("outer", 1.0, 1.0)
     pmac.advance(1.0)
     with pytest.raises(TableFault, match="axis outer turns and would coast"):
@@ -198,7 +198,7 @@ def test_a_killed_motor_that_is_jogged_is_refused_in_words(table: Pmac):
         table.move("inner", 1.0, 1.0, 1.0)
 
 
-def test_a_soft_limit_stops_the_axis_and_is_told(pmac: Server, table: Pmac):
+def test_a_soft_limit_stops_the_axis_and_is_told(pmac: Served, table: Pmac):
     _tell(pmac, "I313=360000")
     # Read when the table was opened, the limits do not know: the controller does.
     table.spin("inner", radians(20), radians(100))
@@ -209,7 +209,7 @@ def test_a_soft_limit_stops_the_axis_and_is_told(pmac: Server, table: Pmac):
     assert radians(36) <= state.angle <= radians(38)
 
 
-def test_an_amplifier_fault_takes_the_axis_off_and_is_told(pmac: Server, table: Pmac):
+def test_an_amplifier_fault_takes_the_axis_off_and_is_told(pmac: Served, table: Pmac):
     table.spin("inner", 1.0, 1.0)
     pmac.advance(2.0)
     pmac.device.fault("amplifier 3")
@@ -227,7 +227,7 @@ def test_an_amplifier_fault_takes_the_axis_off_and_is_told(pmac: Server, table: 
 
 
 @pytest.mark.parametrize("fault", ["jammed", "frozen"])
-def test_an_axis_that_does_not_follow_trips(pmac: Server, table: Pmac, fault: str):
+def test_an_axis_that_does_not_follow_trips(pmac: Served, table: Pmac, fault: str):
     pmac.device.fault(f"{fault} 2")
     table.spin("middle", radians(20), radians(100))
     pmac.advance(3.0)
@@ -236,7 +236,7 @@ def test_an_axis_that_does_not_follow_trips(pmac: Server, table: Pmac, fault: st
     assert not state.enabled
 
 
-def test_motors_that_are_off_or_skip_cycles_are_refused(pmac: Server):
+def test_motors_that_are_off_or_skip_cycles_are_refused(pmac: Served):
     _tell(pmac, "I360=2")
     with pytest.raises(InputError, match="I360=0"):
         Pmac(pmac.address, INNER)
@@ -244,7 +244,7 @@ def test_motors_that_are_off_or_skip_cycles_are_refused(pmac: Server):
         Pmac(pmac.address, [PmacAxis("fourth", 7, COUNTS)])
 
 
-def test_readings_survive_replies_in_pieces_and_a_dropped_connection(pmac: Server, table: Pmac):
+def test_readings_survive_replies_in_pieces_and_a_dropped_connection(pmac: Served, table: Pmac):
     pmac.faults.fragment = 1
     table.move("inner", 0.5, 1.0, 1.0)
     pmac.advance(3.0)

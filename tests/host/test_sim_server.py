@@ -14,6 +14,8 @@ from inercal.host.sim.faults import Faults
 from inercal.host.sim.pmac import SimulatedPmac
 from inercal.host.sim.server import Granted, Server, WallClock, obey
 
+Served = Server[SimulatedPmac]
+
 AXES = (PmacAxis("inner", 3, 3_600_000),)
 
 
@@ -85,7 +87,7 @@ def test_the_same_commands_at_the_same_bench_times_give_the_same_numbers_at_any_
     assert results[0].axes == results[1].axes
 
 
-def test_delays_are_bench_time(pmac: Server):
+def test_delays_are_bench_time(pmac: Served):
     pmac.faults.delay = 0.5
     with open_link(pmac.address) as link:
         link.write(bytes.fromhex("40 B3 00 00 00 00 00 00"))
@@ -105,7 +107,7 @@ def test_corruption_turns_one_bit_of_every_nth_reply():
     assert [sum(byte.bit_count() for byte in reply) for reply in sent] == [0, 0, 1] * 3
 
 
-def test_drop_ends_the_nth_reply_before_it_is_whole(pmac: Server):
+def test_drop_ends_the_nth_reply_before_it_is_whole(pmac: Served):
     pmac.faults.drop = 2
     with open_link(pmac.address) as link:
         link.write(bytes.fromhex("40 B3 00 00 00 00 00 00"))
@@ -123,7 +125,7 @@ def test_words_that_are_no_fault_are_refused_with_those_that_are(words: str):
         Faults().tell(words)
 
 
-def test_lines_told_are_answered_each(pmac: Server):
+def test_lines_told_are_answered_each(pmac: Served):
     answers = StringIO()
     obey(pmac, StringIO("advance 1.5\nadvance x\nfragment 2\nfault jammed 4\n"), answers)
     said = answers.getvalue().splitlines()

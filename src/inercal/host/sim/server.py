@@ -12,7 +12,7 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
 from threading import RLock, Thread
 from time import monotonic
-from typing import Protocol, Self, TextIO
+from typing import Any, Generic, Protocol, Self, TextIO, TypeVar
 
 from inercal.host.sim.faults import Faults
 
@@ -49,6 +49,9 @@ class Device(Protocol):
         ...
 
 
+D = TypeVar("D", bound=Device)
+
+
 class WallClock:
     """Bench time that passes `factor` times as fast as the wall's, from 0."""
 
@@ -71,7 +74,7 @@ class Granted:
         return self.now
 
 
-class Server:
+class Server(Generic[D]):
     """Serves `device` on `host`:`port` (0: any free port), or on a pseudo-terminal.
 
     As a context manager it runs in a thread of its own; `address` is what `open_link` opens.
@@ -79,7 +82,7 @@ class Server:
 
     def __init__(
         self,
-        device: Device,
+        device: D,
         pace: Callable[[], float] | None = None,
         faults: Faults | None = None,
         host: str = "127.0.0.1",
@@ -269,7 +272,7 @@ def serve(device: Device, pace: Callable[[], float], port: int, terminal: bool =
         obey(server, sys.stdin, sys.stdout)
 
 
-def obey(server: Server, told: TextIO, answers: TextIO) -> None:
+def obey(server: Server[Any], told: TextIO, answers: TextIO) -> None:
     """Do what each line of `told` says, until there is no more."""
     for line in told:
         try:
