@@ -29,9 +29,9 @@ def _tell(server: Served, line: str) -> None:
 
 def test_a_move_keeps_its_limits_and_ends_in_position(pmac: Served, table: Pmac):
     table.move("inner", radians(90), radians(30), radians(20))
-    motion = pmac.device.advance(1.0)
+    motion = pmac.advance(1.0)
     assert table.read().axes[2].moving
-    rest = pmac.device.advance(10.0)
+    rest = pmac.advance(10.0)
     state = table.read().axes[2]
     assert state.settled
     assert state.angle == pytest.approx(radians(90), abs=2 * COUNT)

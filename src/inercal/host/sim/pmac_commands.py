@@ -193,7 +193,7 @@ class Interpreter:
 
     def _report(self, n: int) -> str:
         value = self._variables.get(n, 0.0)
-        if 20 <= n <= 23 or (n >= 100 and n % 100 in _ADDRESSES):
+        if 20 <= n <= 23 or (100 <= n < 3300 and n % 100 in _ADDRESSES):
             return f"${int(value):X}"
         return f"{value:.12g}"
 

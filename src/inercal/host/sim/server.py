@@ -10,6 +10,7 @@ import socket
 import sys
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
+from contextlib import suppress
 from threading import RLock, Thread
 from time import monotonic
 from typing import Any, Generic, Protocol, Self, TextIO, TypeVar
@@ -36,8 +37,8 @@ class Device(Protocol):
         """Bench time, s."""
         ...
 
-    def advance(self, until: float) -> object:
-        """Let bench time pass."""
+    def advance(self, until: float) -> Any:
+        """Let bench time pass; return the motion meanwhile, if it is a thing that moves."""
         ...
 
     def session(self) -> Session:
@@ -133,15 +134,18 @@ class Server(Generic[D]):
     def stop(self) -> None:
         """End `run`."""
         self._stopped = True
-        self._poke.send(b".")
+        # It may have seen that by itself, and be closed already.
+        with suppress(OSError):
+            self._poke.send(b".")
 
-    def advance(self, until: float) -> None:
-        """Let bench time pass up to `until`, s, where the pace is granted."""
+    def advance(self, until: float) -> Any:
+        """Let bench time pass up to `until`, s, where the pace is granted; return the motion."""
         with self.lock:
             if isinstance(self.pace, Granted):
                 self.pace.now = until
-            self.device.advance(until)
+            motion = self.device.advance(until)
         self._poke.send(b".")
+        return motion
 
     def drop(self) -> None:
         """End all connections as an unplugged cable does."""
