@@ -92,6 +92,24 @@ def test_a_reading_over_several_cycles_says_so(scripted: Any):
     assert state.time == pytest.approx(2 * table.period)
 
 
+def test_a_motor_that_has_not_yet_started_is_not_taken_for_one_that_has_arrived(scripted: Any):
+    simulated = SimulatedPmac()
+    feed = simulated.session().feed
+
+    def idle(data: bytes) -> bytes:
+        return feed(data.replace(b"#3J+", b"    "))
+
+    with Pmac("tcp://x:1", INNER, opener=lambda _: scripted(idle)) as table:
+        table.enable()
+        assert table.read().axes[0].settled
+        table.spin("inner", 1.0, 1.0)
+        assert not simulated.table.moving(2)
+        simulated.advance(0.015)
+        assert not table.read().axes[0].settled
+        simulated.advance(0.03)
+        assert table.read().axes[0].settled
+
+
 def test_limits_are_read_from_the_controller_in_si(pmac: Served):
     _tell(pmac, "I311=$3E80 I313=1800000 I314=-900000 I316=1000 I317=0.5")
     with Pmac(pmac.address, INNER) as table:

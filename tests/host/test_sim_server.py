@@ -12,7 +12,8 @@ from inercal.host.drivers.pmac import Pmac, PmacAxis
 from inercal.host.link import LinkLost, open_link, read_until
 from inercal.host.sim.faults import Faults
 from inercal.host.sim.pmac import SimulatedPmac
-from inercal.host.sim.server import Granted, Server, WallClock, obey
+from inercal.host.sim.process import obey
+from inercal.host.sim.server import Granted, Server, WallClock
 
 Served = Server[SimulatedPmac]
 

@@ -36,6 +36,9 @@ from inercal.host.drivers.table import (
 from inercal.host.link import Link, open_link
 
 _CYCLES = 1 << 24  # X:$0 wraps here
+# s after a command in which a motor may still say that it is where it was: it starts at the next
+# real-time interrupt (I8), a few servo cycles later.
+_STARTING = 0.02
 _LIMITS = (0, 11, 13, 14, 16, 17, 60)
 
 
@@ -87,6 +90,7 @@ class Pmac:
         self._ask_state = "RHX$0 " + " ".join(f"#{m}P#{m}V#{m}F#{m}?" for m in motors) + " RHX$0"
         self._cycle: int | None = None
         self._elapsed = 0
+        self._started: list[int | None] = [None] * len(self._axes)
         self._dialogue = Dialogue(address, timeout, opener)
         try:
             self.period = codec.number(self._ask("I10", 1)[0]) / 8388608 * 1e-3
@@ -113,7 +117,9 @@ class Pmac:
 
     def home(self) -> None:
         """Start the search for zero on all axes (`HM`)."""
-        self._ask(" ".join(f"#{a.motor}HM" for a in self._axes))
+        homing = " ".join(f"#{a.motor}HM" for a in self._axes)
+        cycle = codec.word(self._ask(f"{homing} RHX$0", 1)[0], 6)
+        self._started = [cycle] * len(self._axes)
 
     def move(self, axis: str, angle: float, rate: float, acceleration: float) -> None:
         """Start toward `angle` (`J=`); see `RotaryTable.move`."""
@@ -166,7 +172,7 @@ class Pmac:
         self._elapsed += 0 if self._cycle is None else (first - self._cycle) % _CYCLES
         self._cycle = first
         states = tuple(
-            self._state(axis, lines[1 + 4 * i : 5 + 4 * i]) for i, axis in enumerate(self._axes)
+            self._state(i, first, lines[1 + 4 * i : 5 + 4 * i]) for i in range(len(self._axes))
         )
         return TableState((self._elapsed + during / 2) * self.period, states, during * self.period)
 
@@ -177,15 +183,18 @@ class Pmac:
     def _ask(self, line: str, replies: int = 0) -> list[str]:
         return self._dialogue.ask(line, replies)
 
-    def _state(self, axis: PmacAxis, lines: list[str]) -> AxisState:
+    def _state(self, i: int, cycle: int, lines: list[str]) -> AxisState:
+        axis, started = self._axes[i], self._started[i]
         position, velocity, error = (codec.number(text) for text in lines[:3])
         status = codec.status(lines[3])
+        if started is not None and (cycle - started) % _CYCLES * self.period > _STARTING:
+            started = self._started[i] = None
         count = tau / axis.counts_per_turn
         return AxisState(
             angle=position * count,
             rate=velocity * count / self.period,
             following_error=error * count,
-            in_position=status.in_position,
+            in_position=status.in_position and started is None,
             moving=status.moving,
             enabled=status.enabled,
             homed=status.homed,
@@ -223,9 +232,10 @@ class Pmac:
         axis = self._axes[i]
         per_turn, n = abs(axis.counts_per_turn) / tau, axis.motor
         speed = f"I{n}22={_text(abs(rate) * per_turn * 1e-3)} " if rate else ""
-        self._ask(
+        line = (
             f"I{n}20=0 I{n}21=0 I{n}19={_text(acceleration * per_turn * 1e-6)} {speed}#{n}{command}"
         )
+        self._started[i] = codec.word(self._ask(f"{line} RHX$0", 1)[0], 6)
 
     def __enter__(self) -> Self:
         return self

@@ -12,7 +12,7 @@ from math import degrees, inf, radians
 
 from inercal.host.sim.dynamics import Axis, Killed, Motion, Table, fault_in_words, three_axes
 from inercal.host.sim.lines import LineSession
-from inercal.host.sim.server import add_pace, pace_of, serve
+from inercal.host.sim.process import add_pace, pace_of, serve
 
 _WORDS = ("mode", "demand", "read", "limit", "interlock", "position", "rate", "acceleration",
           "absolute", "close", "open", "reset", "off")  # fmt: skip
@@ -185,7 +185,7 @@ def _full(word: str) -> str:
 
 
 def main() -> None:
-    """Serve a simulated ACUTROL3000 until standard input ends; see `server.serve`."""
+    """Serve a simulated ACUTROL3000 until standard input ends; see `process.serve`."""
     parser = ArgumentParser(prog="python -m inercal.host.sim.acutrol", description=__doc__)
     parser.add_argument("--port", type=int, default=0, help="0: any free one, which is printed")
     add_pace(parser)

@@ -8,7 +8,7 @@ from math import degrees, isfinite, radians
 
 from inercal.host.sim.dynamics import Axis, Motion, Table, fault_in_words
 from inercal.host.sim.lines import LineSession
-from inercal.host.sim.server import add_pace, pace_of, serve
+from inercal.host.sim.process import add_pace, pace_of, serve
 
 
 class SimulatedMotor:
@@ -87,7 +87,7 @@ def _is_number(text: str) -> bool:
 
 
 def main() -> None:
-    """Serve a simulated motor until standard input ends; see `server.serve`."""
+    """Serve a simulated motor until standard input ends; see `process.serve`."""
     parser = ArgumentParser(prog="python -m inercal.host.sim.motor", description=__doc__)
     parser.add_argument("--port", type=int, help="of TCP, 0: any free one; else a pseudo-terminal")
     add_pace(parser)

@@ -15,7 +15,7 @@ from struct import unpack_from
 
 from inercal.host.sim.dynamics import Axis, Motion, Table, fault_in_words, three_axes
 from inercal.host.sim.pmac_commands import Interpreter
-from inercal.host.sim.server import add_pace, pace_of, serve
+from inercal.host.sim.process import add_pace, pace_of, serve
 
 _CHUNK = 1400
 _WITH_DATA = (0xB0, 0xBF, 0xC6)  # SENDLINE, GETRESPONSE, WRITEBUFFER: the length is that of data
@@ -109,7 +109,7 @@ class _Session:
 
 
 def main() -> None:
-    """Serve a simulated PMAC until standard input ends; see `server.serve` for what can be told."""
+    """Serve a simulated PMAC until standard input ends; see `process.serve` for what can be told."""
     parser = ArgumentParser(prog="python -m inercal.host.sim.pmac", description=__doc__)
     parser.add_argument("--port", type=int, default=0, help="0: any free one, which is printed")
     parser.add_argument("--counts", type=int, default=3_600_000, help="encoder counts in a turn")
