@@ -183,6 +183,15 @@ def test_stop_decelerates_at_ixx15_and_holds(pmac: Served, table: Pmac):
     assert state.enabled
 
 
+def test_stop_is_heard_though_the_connection_was_lost_meanwhile(pmac: Served, table: Pmac):
+    table.spin("middle", radians(100), radians(200))
+    pmac.advance(2.0)
+    pmac.drop()
+    table.stop()
+    pmac.advance(3.0)
+    assert table.read().axes[1].settled
+
+
 def test_stop_works_where_control_a_is_not_understood(pmac: Served, scripted: Any):
     simulated = SimulatedPmac()
     feed = simulated.session().feed

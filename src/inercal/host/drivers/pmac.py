@@ -33,7 +33,7 @@ from inercal.host.drivers.table import (
     TableState,
     index_of,
 )
-from inercal.host.link import Link, open_link
+from inercal.host.link import Link, LinkLost, open_link
 
 _CYCLES = 1 << 24  # X:$0 wraps here
 # s after a command in which a motor may still say that it is where it was: it starts at the next
@@ -141,7 +141,11 @@ class Pmac:
         `^A` also closes the loops of killed motors. It brings no answer: what still turns is told
         `J/` at the same deceleration, whose answer says that it was heard.
         """
-        self._dialogue.control("A")
+        try:
+            self._dialogue.control("A")
+        except (ProtocolError, LinkLost):
+            # The connection is a new one, and an abort twice is an abort.
+            self._dialogue.control("A")
         state = self.read()
         turning = [a.motor for a, s in zip(self._axes, state.axes, strict=True) if s.moving]
         if turning:

@@ -109,7 +109,7 @@ class _Session:
 
 
 def main() -> None:
-    """Serve a simulated PMAC until standard input ends; see `process.serve` for what can be told."""
+    """Serve a simulated PMAC until standard input ends; see `process.serve`."""
     parser = ArgumentParser(prog="python -m inercal.host.sim.pmac", description=__doc__)
     parser.add_argument("--port", type=int, default=0, help="0: any free one, which is printed")
     parser.add_argument("--counts", type=int, default=3_600_000, help="encoder counts in a turn")
