@@ -53,16 +53,22 @@ def test_a_move_ends_in_position(server: Served, table: Acutrol):
     assert state.axes[2].angle == pytest.approx(radians(-120), abs=radians(1e-3))
 
 
-def test_an_old_demand_moves_nothing_when_the_mode_changes(server: Served, table: Acutrol):
-    table.spin("outer", radians(50), radians(100))
-    server.advance(2.0)
-    table.stop()
-    server.advance(4.0)
-    here = table.read().axes[0].angle
-    table.move("outer", here, radians(10), radians(10))
-    table.spin("outer", 0.0, radians(10))
-    server.advance(6.0)
-    assert table.read().axes[0].angle == pytest.approx(here, abs=1e-6)
+def test_a_demand_is_sent_before_its_mode_so_that_an_old_one_moves_nothing(scripted: Any):
+    links: list[Any] = []
+
+    def opener(_: str) -> Any:
+        links.append(scripted(SimulatedAcutrol().session().feed))
+        return links[-1]
+
+    with Acutrol("tcp://x:1", AXES, opener=opener) as table:
+        table.enable()
+        table.move("inner", radians(30), radians(20), radians(10))
+        table.spin("outer", radians(-5), radians(10))
+    assert links[0].written[-2:] == [
+        b":limit:rate pos,3,20.0000000;:limit:acc pos,3,10.0000000;"
+        b":demand:position 3,30.0000000;:mode:position 3;*stb?\n",
+        b":limit:acc rate,1,10.0000000;:demand:rate 1,-5.0000000;:mode:rate 1;*stb?\n",
+    ]
 
 
 def test_a_rate_is_kept_and_stopped(server: Served, table: Acutrol):
