@@ -49,13 +49,13 @@ class AxisLimits:
                 f"axis {axis}: {degrees(angle):.6g}° is beyond the soft limits; possible: "
                 f"{degrees(self.low):.6g}° to {degrees(self.high):.6g}°"
             )
-        # A move needs a rate to get there; a spin may be told to come to rest.
-        speed = rate if angle is not None else abs(rate) or self.rate
-        for what, value, most in (
-            ("rate", speed, self.rate),
-            ("acceleration", acceleration, self.acceleration),
-        ):
-            if not (0 < value <= most) or not isfinite(rate):
+        asked = [("acceleration", acceleration, self.acceleration)]
+        if angle is not None:
+            asked.append(("rate", rate, self.rate))
+        elif rate != 0:  # A spin may be told to come to rest; a move needs a rate to get there.
+            asked.append(("rate", abs(rate), self.rate))
+        for what, value, most in asked:
+            if not (0 < value <= most and isfinite(value)):
                 raise InputError(
                     f"axis {axis}: {what} {degrees(value):.6g} is not possible; more than 0 and at "
                     f"most {degrees(most):.6g} (in degrees and seconds)"
