@@ -235,14 +235,16 @@ def travel(
     return a, b, c, np.concatenate(labels)
 
 
-def drift(rng: np.random.Generator, sd: float, correlation: float, n: int, hz: float, trials: int):
+def drift(
+    rng: np.random.Generator, sd: float, correlation: float, n: int, hz: float, trials: int
+) -> Array:
     """Return a stationary Gauss–Markov process, (trials, n, 3)."""
     from scipy.signal import lfilter
 
     kept = np.exp(-1 / (hz * correlation))
     noise = sd * sqrt(1 - kept**2) * rng.standard_normal((trials, n, 3))
     noise[:, 0] = sd * rng.standard_normal((trials, 3))
-    return lfilter([1.0], [1.0, -kept], noise, axis=1)
+    return np.asarray(lfilter([1.0], [1.0, -kept], noise, axis=1))
 
 
 def draw(

@@ -3,8 +3,9 @@
 Level frame east, north, up; C_est = (I − [φ×]) C, M = (I + Ŝ)⁻¹; X in the order of the note, S row
 after row. F, G and H are written as the note has them and held over one update.
 
-Of inercal's own is one rule: at rest F has the earth's rate in it, not the readings'. How rates
-become an angle is neither's: noise apart, the generator's exact steps are taken.
+Of inercal's own is one rule: at rest, and about an axis that does not turn, F has the earth's rate
+in it, not the readings'. How rates become an angle is neither's: noise apart, the generator's exact
+steps are taken.
 """
 
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from tests.accuracy.turntable import ARCSEC, EARTH, Draw, G, Grade, T, Table, at
 
 Array = NDArray[np.float64]
 TABLE = Table()
+IDLE = 20.0  # variances of a sample within which of the earth's rate an axis does not turn
 Step = tuple[Array, Array, Array, Array]
 TEN = tuple(f"p{k + 1}" for k in range(10))
 
@@ -69,8 +71,8 @@ def gyro(
 ) -> Done:
     """Return bias and S of the gyros: 15, 19 or 28 states.
 
-    At rest ω̂ is the earth's rate, as inercal has it: φ walks by the readings' noise, and F is to be
-    free of it.
+    At rest, and about an axis that does not turn, ω̂ is the earth's rate, as inercal has it: φ walks
+    by the readings' noise, and F is to be free of it.
     Into `steps` go Φ, P before and after each update, and what the update adds to the states.
     """
     hz = 1 / (made.time[1] - made.time[0])
@@ -100,9 +102,9 @@ def gyro(
             mean = 0.5 * (rates[:, j] + rates[:, j - 1]) + between[:, j]
             w = (m @ (mean - wrong)[..., None])[..., 0]
             half = turn(-earth / (2 * hz)) @ c @ turn(w / (2 * hz))
-            cm, felt = half @ m, w
-            if still[j]:
-                felt = (c.swapaxes(1, 2) @ earth[:, None])[..., 0]
+            cm, around = half @ m, (c.swapaxes(1, 2) @ earth[:, None])[..., 0]
+            idle = still[j] | ((w - around) ** 2 / hz < IDLE * grade.arw**2)
+            felt = np.where(idle, around, w)
             drive[:, :, 3:6] -= cm / hz
             drive[:, :, 6:15] -= kron(cm, felt) / hz
             if n == 28:

@@ -154,14 +154,14 @@ def score(off: Array, covariance: Array, names: Sequence[str], kind: str) -> Sco
     names : sequence of p str
     kind : "g" or "a"
     """
-    at = np.array([k for k, name in enumerate(names) if name[0] == kind])
+    at = [k for k, name in enumerate(names) if name[0] == kind]
     off, covariance = off[:, at], covariance[:, at][:, :, at]
     short = np.array([names[k].partition(".")[2] for k in at])
 
     def rms(kinds: tuple[str, ...], size: float) -> float:
         return float(np.sqrt(np.mean(off[:, np.isin(short, kinds)] ** 2))) / size
 
-    nees = np.einsum("ti,tij,tj->t", off, np.linalg.inv(covariance), off).mean() / at.size
+    nees = np.einsum("ti,tij,tj->t", off, np.linalg.inv(covariance), off).mean() / len(at)
     return Score(
         rms(("bias", "k0"), radians(1) / 60 if kind == "g" else 1e-6 * turntable.G),
         rms(("scale", "k1"), 1e-6),

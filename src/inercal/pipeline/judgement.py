@@ -33,10 +33,7 @@ def judge(outcome: "Outcome") -> Judgement:
         if name.partition(".")[2] in ("k1", "scale")
     ]
     far = any(not 0.5 < scale < 2 for scale in scales)
-    # Filters have a group each: χ² is the sum of its NIS.
-    lost = any(group.chi2 > _DOUBTFUL**2 * group.dof > 0 for group in estimate.groups)
-    doubtful = estimate.birge > _DOUBTFUL or (bool(estimate.courses) and lost)
-    if not estimate.converged or "refused" in severities or far or doubtful:
+    if not estimate.converged or "refused" in severities or far or estimate.doubt > _DOUBTFUL:
         return Judgement("bad", "Not to be relied on as it is", outcome.verdict)
     if not estimate.dof:
         return Judgement("care", "Usable, but untested", outcome.verdict)

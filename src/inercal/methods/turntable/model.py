@@ -26,10 +26,10 @@ from inercal.sensors import G0, Noise, Sensor
 Array = NDArray[np.float64]
 ARCSEC = radians(1 / 3600)
 # Bias instability B is flicker (`sensors.noise`), which no filter of few states holds. Over runs of
-# 4 to 30 minutes, of which the mean is the bias, one Gauss–Markov process of sd 1.25 B and 100 s
+# 4 to 30 minutes, of which the mean is the bias, one Gauss–Markov process of sd 1.35 B and 100 s
 # makes uncertainties as large as the errors within 20 % in variance; tests say so. B and 200 s, the
 # drift of the source of the filters, make them too small by up to 30 % where drift prevails.
-_FLICKER, _LASTING = 1.25, 100.0
+_FLICKER, _LASTING = 1.35, 100.0
 PERIOD = 0.1  # s between epochs
 GAP = 0.5  # s without a sample, beyond which the attitude is taken from the table anew
 # rad. What rates taken as linear between samples miss, beside kinks, which are in Q; and a readback

@@ -315,7 +315,8 @@ def _stamp(
         variance += p[late[1], late[1]] * lasting * lasting
     if late[0] >= 0 and late[1] >= 0:
         variance += 2 * p[late[0], late[1]] * lasting
-    return state.time[0] - readback.behind[e] - delay, variance
+    when: float = state.time[0] - readback.behind[e] - delay
+    return when, float(variance)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
