@@ -156,9 +156,8 @@ def _compare(
     assert off[:, len(fed) :].max() < 0.02
     # The attitudes that both go by differ while the coefficients are still far off; what both feel
     # of them at rest, until all axes have been up.
-    early, late = len(steps) // 4, len(steps) // 2
-    assert off[early:, :2].max() < 0.25
-    assert off[late:].max() < 0.25
+    early = len(steps) // 4
+    assert off[2 * early :].max() < 0.25
     assert found.std[early : len(steps)] == pytest.approx(sd[early:], rel=0.02)
 
 
