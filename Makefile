@@ -6,6 +6,8 @@ UV := UV_PYTHON_DOWNLOADS=never $(BIN)/uv
 INSTALLED := $(VENV)/.installed
 # Matrices are small: threads of linear algebra would only wait for one another.
 export OPENBLAS_NUM_THREADS := 1
+# One process a core; one that is done takes tests from the others.
+SIDE_BY_SIDE := --numprocesses auto --dist worksteal
 
 .PHONY: help demo test slow check bench lock format clean
 help:
@@ -24,10 +26,10 @@ demo: $(INSTALLED)  ## install, then simulate a MEMS IMU, calibrate it from its 
 	$(BIN)/inercal demo --out demo-output
 
 test: $(INSTALLED)  ## all tests but the slow ones
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest $(SIDE_BY_SIDE)
 
 slow: $(INSTALLED)  ## the big Monte Carlo runs
-	$(BIN)/python -m pytest -m slow tests
+	$(BIN)/python -m pytest -m slow $(SIDE_BY_SIDE) tests
 
 check: $(INSTALLED)  ## format, lint, types, layers, tests, doctests, examples
 	$(BIN)/ruff format --check .
