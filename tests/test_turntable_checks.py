@@ -86,7 +86,9 @@ def test_poor_but_honest_sensors_pass(path: str, seed: int):
             for k in range(2)
         ]
         poor = Track(track.time, np.concatenate(parts, -1), track.angles[0], track.hold)
-        assert require_sound("run.toml", poor, SENSOR, BENCH) == ()
+        # 100 mg and 5 % may make a norm at rest that is 10 % off, which is worth a question.
+        noticed = require_sound("run.toml", poor, SENSOR, BENCH)
+        assert {finding.what for finding in noticed} <= {"units"}
 
 
 @pytest.mark.parametrize("path", PATHS)

@@ -56,7 +56,9 @@ def course(
     found = None
     if smooth:
         added, spread = smoothed(made)
-        found = Smoothed(tuple(smooth), value[:, made.wanted] + added, np.sqrt(spread))
+        # What is known exactly is the difference of equal variances: rounding may leave it below 0.
+        std = np.sqrt(np.maximum(spread, 0.0))
+        found = Smoothed(tuple(smooth), value[:, made.wanted] + added, std)
     return Course(
         name, states[k:], time, value[:, k:], np.sqrt(variance[:, k:]),
         history[:, :m], history[:, m], found,
