@@ -1,4 +1,4 @@
-"""A turntable's gyro filter of 15 states over a minute at 200 Hz, and both over half an hour.
+"""A turntable's gyro filter of 15 states over four minutes at 200 Hz, and both over half an hour.
 
 The peer is filterpy's KalmanFilter with NumPy for the strapdown: Φ and Q of each sample, predicted
 at 200 Hz and updated by the table's attitude at 10 Hz, with the same feedback. Both find the same
@@ -24,7 +24,8 @@ Array = NDArray[np.float64]
 HZ = 200.0
 LIMIT = 1.0  # s
 READBACK = 10 * ARCSEC
-SHORT = [("warm-up", (0, 0, 0), 20.0), *turntable.turns(180.0, 30.0)[:-1]]
+# Long enough that setting up, some ms, is no part of it.
+SHORT = [("warm-up", (0, 0, 0), 20.0), *turntable.turns(1080.0, 30.0, back=True)[:-1]]
 # 30 min: the note's path with positions of two and a half minutes.
 LONG = turntable.whole(120.0)
 
