@@ -12,7 +12,7 @@ old.
 from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass
-from math import ceil, radians
+from math import ceil
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,24 +22,24 @@ from inercal.benches.turntable_attitude import misalignment, reference
 from inercal.errors import InputError
 from inercal.estimate import Course, Gaussian
 from inercal.methods.turntable import model, strapdown
-from inercal.methods.turntable.model import Triad, beside
+from inercal.methods.turntable.model import ARCSEC, Triad, beside
 from inercal.methods.turntable.terms import BASIS
 from inercal.methods.turntable_kalman import _gyros
-from inercal.methods.turntable_kalman._gyros import Readback, Samples, Settings, State
+from inercal.methods.turntable_kalman._gyros import Samples
+from inercal.methods.turntable_kalman._readback import Readback, Settings, State
 from inercal.methods.turntable_kalman.common import TILT, course, drift_of, drifting_of, known, room
 from inercal.parameters import Parameter
 from inercal.recording import Track
 from inercal.sensors import Sensor
 
 Array = NDArray[np.float64]
-_ARCSEC = radians(1 / 3600)
 _SURELY = 4.0  # standard deviations
 _SPAN = (
     0.1  # s; where less is known of a delay it does not act in first order as the table speeds up
 )
 _SPARE = 8  # samples of the ring beyond those: two at either end for a cubic, and uneven steps
 _DRIVEN = ("latency", "clock", "azimuth")
-_ALIGNED = 60 * _ARCSEC  # sd of φ where the attitude is taken from the table
+_ALIGNED = 60 * ARCSEC  # sd of φ where the attitude is taken from the table
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +89,7 @@ class Gyros:
         *,
         drifting: bool = True,
         table: bool = True,
-        readback: float = 4 * _ARCSEC,
+        readback: float = 4 * ARCSEC,
     ) -> "Gyros":
         """Return the filter, with the biases' first values from the rest that a track begins with.
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from inercal.benches.turntable import Turntable
 from inercal.benches.turntable_attitude import motion, reference
 from inercal.errors import InputError
+from inercal.methods.turntable import model
 from inercal.pipeline.turntable.fits import (
     SOUND,
     Blocks,
@@ -34,7 +35,6 @@ _SIZE = 1.2  # times or one over it: no usable scale factor is further off
 _WEIGHT = (0.7, 1.4)  # times g, of the norm at rest
 _USUAL = (0.9, 1.1)
 _NEAR = 1.1  # of a factor that is a unit's
-_LONG = 0.5  # s; the filters take the attitude anew after such a gap
 _NAMED = 5  # gaps
 _ATTITUDES, _APART = 6, radians(10)
 _TURNED = 2 * pi  # rad about each axis of the body
@@ -286,7 +286,7 @@ def _gaps(time: Array) -> tuple[Finding, ...]:
     usual = float(np.median(steps))
     at = np.flatnonzero(steps > GAP * usual)
     lost = steps[at] - usual
-    long = [k for k in range(at.size) if steps[at[k]] > _LONG]
+    long = [k for k in range(at.size) if steps[at[k]] > model.GAP]
     found: list[Finding] = []
     if at.size:
         samples = round(float(lost.sum()) / usual)

@@ -1,0 +1,280 @@
+"""Compiled: what a readback says of the gyros' attitude, at the time when it was taken.
+
+A readback is compared with the attitude of its own time t′: of what is there
+
+    φ(t′) = φ(t) + G dθ,  G = ∫ C M φ(f, ω) dt from t′ to t
+
+G is kept for the samples that may be asked for, and what is fed back at t turns them by as much.
+"""
+# Numba's decorator has no types.
+# pyright: reportUntypedFunctionDecorator=false
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from inercal.estimate.kalman import update
+from inercal.methods.turntable.strapdown import apart, around, delayed, turn_level
+from inercal.methods.turntable_kalman._common import Model, Work, product
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+STRAIGHT = 1e-4  # s: within that a way does not bend by more than 0.04″, even at 1000 °/s²
+ITERATIONS, SAME = 10, 1e-6  # of a delay, s
+
+
+class Readback(NamedTuple):
+    """At e samples, ascending."""
+
+    epochs: Indices  # (e,)
+    behind: Array  # (e,) s, how much older than the sample it is by its stamp
+    attitude: Array  # (e, 3, 3)
+    beside: Array  # (e, 3, q), how φ as it is observed moves with the table's parameters
+
+
+class Settings(NamedTuple):
+    """How the two are compared."""
+
+    variance: float  # of the attitude by readback, rad²
+    aligned: float  # of φ at an alignment, rad²
+    gap: float  # s, a step of time beyond which the attitude is taken from readback anew
+    late: Indices  # (3,), where latency, clock and azimuth stand among the states; -1 is not there
+    delay: float  # s, latency where it is no state
+    closed: bool  # whether what is found is fed back
+
+
+class State(NamedTuple):
+    """How far the filter has come. What of x is fed back is kept zero."""
+
+    c: Array  # (3, 3)
+    theta: Array  # (p,)
+    x: Array  # (n,)
+    p: Array  # (n, n)
+    made: Array  # (BASIS, 3, 3), Σ C M φ Δt since the epoch before
+    # (5,) s: of the sample and of the epoch before, where the clock began, the step that led to the
+    # sample before, and where the last gap ended
+    time: Array
+    rates: Array  # (3, 3), of the last two samples, the newer first, and how they bent, rad/s³
+    bent: Array  # (1,) rad², variance of φ by sudden accelerations since the epoch before
+    lost: NDArray[np.bool_]  # (1,), whether an alignment is due
+    # (k,), (k, 3, 3) and (k, BASIS, 3, 3), a ring: attitude of the last samples, and −G from the
+    # epoch before
+    times: Array
+    past: Array
+    sums: Array
+    newest: Indices  # (1,), their row of the sample before
+    # Of the last samples time and readback, which comes later than they; or of those that wait for
+    # theirs time, rates and hold.
+    tail: Array
+    nis: float = 0.0
+    epochs: int = 0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _stamp(
+    e: int, readback: Readback, settings: Settings, state: State, x: Array, p: Array
+) -> tuple[float, float]:
+    """Return when a readback was taken, by the sensor's clock, s, and the variance of that."""
+    late, lasting = settings.late, state.time[0] - state.time[2]
+    delay, variance = settings.delay, 0.0
+    if late[0] >= 0:
+        delay += x[late[0]]
+        variance += p[late[0], late[0]]
+    if late[1] >= 0:
+        delay += x[late[1]] * lasting
+        variance += p[late[1], late[1]] * lasting * lasting
+    if late[0] >= 0 and late[1] >= 0:
+        variance += 2 * p[late[0], late[1]] * lasting
+    when: float = state.time[0] - readback.behind[e] - delay
+    return when, float(variance)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def align(
+    e: int,
+    readback: Readback,
+    settings: Settings,
+    state: State,
+    done: Work,
+    a: Array,
+    driven: Array,
+) -> None:
+    """Take the attitude from the first readback of after a gap.
+
+    φ is lost, in Φ and Q too, all else is kept.
+    """
+    when, variance = _stamp(e, readback, settings, state, state.x, state.p)
+    if when < state.time[4]:
+        return
+    state.lost[0] = False
+    then, rate, turn = done.half, done.fed, done.turn
+    delayed(state.times, state.past, state.newest[0], when, then, rate, turn)
+    spread = settings.aligned
+    for k in range(3):
+        spread += rate[k] * rate[k] * variance
+    # All that was carried since is turned alike.
+    onto = np.zeros((3, 3))
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                onto[i, j] += readback.attitude[e, i, k] * then[j, k]
+    product(onto, state.c, then)
+    state.c[:] = then
+    for row in range(len(state.past)):
+        product(onto, state.past[row], then)
+        state.past[row] = then
+    a[:] = 0.0
+    driven[:] = 0.0
+    for k in range(3):
+        driven[k, k] = spread
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def observe(
+    e: int,
+    readback: Readback,
+    model: Model,
+    settings: Settings,
+    state: State,
+    done: Work,
+    fed: Array,
+    x: Array,
+    p: Array,
+    z: Array,
+    spread: Array,
+    h: Array,
+) -> None:
+    """Write what the readback says beyond the attitude when it was taken, z = h x + noise.
+
+    About x, of covariance p; beside the readback's noise there is `spread`, (3,) rad², where the
+    way bends. `fed` is the drift that is fed back.
+    """
+    late, beside = settings.late, readback.beside
+    times, past, sums, newest = state.times, state.past, state.sums, state.newest[0]
+    axis, weights, used, then, rate, turn = (
+        model.terms.axis, model.terms.weights, done.used, done.half, done.fed, done.turn,
+    )  # fmt: skip
+    gm, lasting = 3 + axis.size, state.time[0] - state.time[2]
+    when, variance = _stamp(e, readback, settings, state, x, p)
+    delayed(times, past, newest, when, then, rate, turn)
+    for k in range(3):
+        spread[k] = turn[k] * turn[k]
+    if variance > STRAIGHT * STRAIGHT:
+        _curved(model, state, done, p, when, variance, spread)
+    apart(readback.attitude[e], then, z)
+    before, after, share = around(times, newest, when)
+    h[:] = 0.0
+    for k in range(3):
+        h[k, k] = 1.0
+        for j in range(beside.shape[2]):
+            h[k, gm + 3 + j] = beside[e, k, j]
+        if late[0] >= 0:
+            h[k, late[0]] = -rate[k]
+            z[k] -= rate[k] * x[late[0]]
+        if late[1] >= 0:
+            h[k, late[1]] = -rate[k] * lasting
+            z[k] -= rate[k] * x[late[1]] * lasting
+        # φ as it was then: what drove it since is taken back.
+        for b in used:
+            for t in range(axis.size):
+                early, later = sums[before, b, k, axis[t]], sums[after, b, k, axis[t]]
+                h[k, 3 + t] -= weights[t, b] * (early + share * (later - early))
+        for j in range(3):
+            early, later = sums[before, 0, k, j], sums[after, 0, k, j]
+            h[k, gm + j] = -(early + share * (later - early))
+            z[k] += h[k, gm + j] * fed[j]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def again(
+    e: int,
+    readback: Readback,
+    model: Model,
+    settings: Settings,
+    state: State,
+    done: Work,
+    fed: Array,
+    z: Array,
+    spread: Array,
+    h: Array,
+    gain: Array,
+) -> None:
+    """Take z = h x about the delay that it leads to, where little was known of that (iterated).
+
+    Source: Bell and Cathey 1993, IEEE TAC 38(2), 294–297: Gauss–Newton on what is most probable.
+    """
+    when, variance = _stamp(e, readback, settings, state, state.x, state.p)
+    if variance <= STRAIGHT * STRAIGHT:
+        return
+    for _ in range(ITERATIONS):
+        x, p, before = state.x.copy(), state.p.copy(), when
+        for k in range(3):
+            update(x, p, h[k], z[k], settings.variance + spread[k], gain[k])
+        observe(e, readback, model, settings, state, done, fed, x, p, z, spread, h)
+        when, _v = _stamp(e, readback, settings, state, x, p)
+        if abs(when - before) < SAME:
+            return
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _curved(
+    model: Model, state: State, done: Work, p: Array, when: float, variance: float, spread: Array
+) -> None:
+    """Add the mean squares of what is of second order in a delay that is hardly known.
+
+    Of α δτ²/2 that is 3/4 (α σ²)², of δω δτ, with the error of the rate by the coefficients, no
+    more than 3 σ² var(ω).
+    """
+    then, sd, newest = done.half, np.sqrt(variance), state.newest[0]
+    other, one, two, unused = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3)
+    delayed(state.times, state.past, newest, when + sd, other, unused, two)
+    apart(other, then, one)
+    delayed(state.times, state.past, newest, when - sd, other, unused, two)
+    apart(other, then, two)
+    before, after, _ = around(state.times, newest, when)
+    step = state.times[after] - state.times[before]
+    axis, weights = model.terms.axis, model.terms.weights
+    row = np.zeros(axis.size)
+    for k in range(3):
+        spread[k] += 0.75 * (one[k] + two[k]) ** 2
+        if step <= 0:
+            continue
+        row[:] = 0.0
+        for b in done.used:
+            for t in range(axis.size):
+                moved = state.sums[after, b, k, axis[t]] - state.sums[before, b, k, axis[t]]
+                row[t] += weights[t, b] * moved / step
+        for s in range(axis.size):
+            for t in range(axis.size):
+                spread[k] += 3 * variance * row[s] * p[3 + s, 3 + t] * row[t]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def feed_back(model: Model, state: State, done: Work, fed: Array) -> None:
+    """Turn the attitude, now and as it was, by φ, and take in the coefficients.
+
+    `fed` is the drift that was fed back before.
+    """
+    x, theta, past, sums, turn = state.x, state.theta, state.past, state.sums, done.turn
+    axis, weights, used = model.terms.axis, model.terms.weights, done.used
+    by = np.zeros((sums.shape[1], 3))  # what each of φ adds to readings anew
+    for j in range(3):
+        by[0, j] = x[3 + axis.size + j] - fed[j]
+    for b in used:
+        for s in range(axis.size):
+            by[b, axis[s]] += weights[s, b] * x[3 + s]
+    for row in range(len(past)):
+        for k in range(3):
+            turn[k] = x[k]
+            for b in used:
+                for j in range(3):
+                    turn[k] -= sums[row, b, k, j] * by[b, j]
+        turn_level(past[row], turn)
+    turn[:] = x[:3]
+    x[:3] = 0.0
+    turn_level(state.c, turn)
+    for s in range(theta.size):
+        theta[s] += x[3 + s]
+        x[3 + s] = 0.0
