@@ -1,66 +1,111 @@
-"""The demonstration: a MEMS IMU is simulated, calibrated from its recording, and judged."""
+"""The demonstration: an IMU on a simulated three-axis table, calibrated live, and judged.
 
-from collections.abc import Mapping
+Table and IMU are processes of their own behind TCP and a pseudo-terminal; what runs them is what
+runs a bench of iron. Their clock waits for the host, so that the plan's minutes pass in seconds and
+the numbers are those of an unhurried run.
+"""
+
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from inercal.calibration.files import save
-from inercal.errors import InputError
-from inercal.io.atomic import atomic_write
-from inercal.io.write import write_recording
-from inercal.pipeline import Outcome, calibrate, named_as_in, simulate
-from inercal.report import write_report
-from inercal.runfile import read
+from inercal.errors import InercalError
+from inercal.host.compile import compiled
+from inercal.host.finish import finish
+from inercal.host.folder import begin
+from inercal.host.run import Addresses, BenchRun
+from inercal.host.simulated import SimulatedBench
+from inercal.pipeline import Outcome
+from inercal.pipeline.truth import in_frame_of
+from inercal.runfile import Run, read
+
+_RUN_FILE, _PATH = "mimu.toml", "path.csv"
 
 
 @dataclass(frozen=True, eq=False)
 class Demo:
-    """The outcome, the truth in SI, the normalised error squared, and the files written."""
+    """What came of it.
+
+    Parameters
+    ----------
+    outcome : Outcome
+    truth : mapping of str to float
+        SI.
+    nees : float
+        Normalised error squared against the truth, a coefficient; 1 is expected.
+    seconds : float
+        Of the bench.
+    speed : float
+        Seconds of the bench in one of the wall's.
+    files : mapping of str to str
+    """
 
     outcome: Outcome
     truth: Mapping[str, float]
     nees: float
+    seconds: float
+    speed: float
     files: Mapping[str, str]
 
 
-def demo(folder: str | Path, seed: int = 0) -> Demo:
-    """Simulate, write, calibrate from what was written, compare, report.
+def demo(
+    folder: str | Path,
+    seed: int = 0,
+    *,
+    quick: bool = False,
+    show: Callable[[BenchRun], None] = lambda run: None,
+) -> Demo:
+    """Run the plan on a simulated bench, calibrate live and from the recording, compare, report.
 
     Parameters
     ----------
     folder : path
-        Made if need be; holds the run file, the recording, the calibration and the report.
+        Made if need be; holds the run's files afterwards.
     seed : int
+        Of the sensor's noise and of what is imperfect of the bench.
+    quick : bool
+        A path of five minutes instead of 24.
+    show : callable
+        Called with the run while it goes on.
 
     Raises
     ------
     InputError
-        The folder cannot be made.
+        The folder cannot be made, or holds a run already.
+    InercalError
+        The run was interrupted.
     """
-    folder = Path(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be made: {error.strerror}") from None
-    run_file = folder / "ferraris.toml"
-    with atomic_write(run_file) as temporary:
-        temporary.write_bytes(files("inercal").joinpath("demo.toml").read_bytes())
-    run = read(run_file)
-    recording = folder / run.data.file
-    write_recording(named_as_in(run, simulate(run, seed)), recording)
-    outcome = calibrate(run)
-    calibration = save(outcome.calibration, folder / "ferraris.calibration.json")
-    page = write_report(outcome, folder / "ferraris.report.html", run.truth)
-    names = outcome.calibration.sensor.coefficients
-    error = outcome.calibration.values - np.array([run.truth.get(name, 0.0) for name in names])
-    nees = float(error @ np.linalg.solve(outcome.calibration.covariance, error)) / len(error)
-    written = {
-        "run_file": run_file,
-        "recording": recording,
-        "calibration_file": calibration,
-        "report": page,
-    }
-    return Demo(outcome, run.truth, nees, {name: str(path) for name, path in written.items()})
+    with TemporaryDirectory() as plans:
+        run = _plan(Path(plans), quick=quick)
+        with SimulatedBench(run.path, seed) as bench:
+            # The bench's processes have read the run file; from here on its copy counts.
+            assert bench.clock is not None
+            addresses = Addresses(bench.table, bench.imu, bench.clock)
+            made, journal = begin(folder, run, addresses)
+            with journal:
+                compiled(made.run)
+                with BenchRun(made, journal, addresses, show=show) as going:
+                    done = going.carry_out()
+                if not done:
+                    raise InercalError(f"{folder}: the run was interrupted: {going.trouble}")
+                outcome, written = finish(made, journal, going.live)
+    calibration = outcome.calibration
+    true = in_frame_of(calibration, run.truth)
+    error = calibration.values - np.array([true[n] for n in calibration.sensor.coefficients])
+    nees = float(error @ np.linalg.solve(calibration.covariance, error)) / len(error)
+    return Demo(outcome, run.truth, nees, going.time, going.speed, written)
+
+
+def _plan(folder: Path, *, quick: bool) -> Run:
+    """Return the demonstration's run file, written to a folder."""
+    packaged = files("inercal")
+    text = packaged.joinpath("demo.toml").read_text(encoding="utf-8")
+    if quick:
+        text = text.replace('path = "fast"', f'path = "{_PATH}"')
+        (folder / _PATH).write_bytes(packaged.joinpath("demo_path.csv").read_bytes())
+    (folder / _RUN_FILE).write_text(text, encoding="utf-8")
+    return read(folder / _RUN_FILE)

@@ -188,3 +188,14 @@ def test_what_remains_shrinks_to_nothing():
     assert left[0] > 50
     assert max(after - before for before, after in pairwise(left)) < 1e-9
     assert left[-1] == 0
+
+
+def test_an_axis_that_was_stopped_from_outside_is_not_taken_for_arrived():
+    table, made = Table(), Sequencer(tasks(BENCH, PLAN), LIMITS)
+    while made.number < 1 or made.phase != "approach" or table.angle[1] < 0.5:
+        for command in made.step(table.read()):
+            table.tell(command)
+        table.wait()
+    table.tell(Stop())
+    with pytest.raises(TableFault, match="axis 1 stands at .* instead of 90.0000°: it was stopped"):
+        made.step(table.read())

@@ -5,7 +5,7 @@ import sys
 
 import typer
 
-from inercal.cli import apply, budget, calibrate, demo, plan, report, reproduce, simulate
+from inercal.cli import apply, bench, budget, calibrate, demo, plan, report, reproduce, simulate
 from inercal.errors import InercalError
 
 app = typer.Typer(
@@ -17,6 +17,7 @@ app = typer.Typer(
 )
 for verb in (demo, calibrate, plan, budget, simulate, apply, report, reproduce):
     app.command(verb.NAME)(verb.run)
+app.add_typer(bench.app, name=bench.NAME)
 
 
 @app.callback(invoke_without_command=True)

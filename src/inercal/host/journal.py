@@ -18,7 +18,8 @@ from inercal.errors import InputError
 _VERSION = 1
 _SCHEMA = """
 CREATE TABLE run (begun TEXT NOT NULL, run_file TEXT NOT NULL, table_address TEXT NOT NULL,
-                  imu_address TEXT NOT NULL, steps INTEGER NOT NULL, state TEXT NOT NULL);
+                  imu_address TEXT NOT NULL, clock_address TEXT NOT NULL, steps INTEGER NOT NULL,
+                  state TEXT NOT NULL);
 CREATE TABLE section (id INTEGER PRIMARY KEY, step INTEGER NOT NULL, label TEXT NOT NULL,
                       what TEXT NOT NULL, time REAL NOT NULL);
 CREATE TABLE event (id INTEGER PRIMARY KEY, at TEXT NOT NULL, time REAL, level TEXT NOT NULL,
@@ -35,18 +36,19 @@ class Run(NamedTuple):
     begun : str
         ISO 8601, UTC.
     run_file : str
-        Its text.
-    table, imu : str
-        Addresses.
+        Its name, beside the journal.
+    table, imu, clock : str
+        Addresses; that of the clock is a simulated bench's, else empty.
     steps : int
     state : str
-        "running", "done" or "aborted"; one that says "running" and has no host was interrupted.
+        "running", "done" or "interrupted"; one that says "running" and has no host was interrupted.
     """
 
     begun: str
     run_file: str
     table: str
     imu: str
+    clock: str
     steps: int
     state: str
 
@@ -87,9 +89,23 @@ class Journal:
 
     @classmethod
     def begin(
-        cls, path: str | os.PathLike[str], run_file: str, table: str, imu: str, steps: int
+        cls,
+        path: str | os.PathLike[str],
+        run_file: str,
+        addresses: tuple[str, str, str],
+        steps: int,
     ) -> Self:
         """Make a journal and open it.
+
+        Parameters
+        ----------
+        path : path
+        run_file : str
+            Its name, beside the journal.
+        addresses : tuple of str
+            Of table, IMU and clock.
+        steps : int
+            Of the plan.
 
         Raises
         ------
@@ -102,8 +118,8 @@ class Journal:
             db = sqlite3.connect(path)
             with db:
                 db.executescript(f"BEGIN; {_SCHEMA} PRAGMA user_version = {_VERSION}; COMMIT;")
-                row = (_now(), run_file, table, imu, steps, "running")
-                db.execute("INSERT INTO run VALUES (?, ?, ?, ?, ?, ?)", row)
+                row = (_now(), run_file, *addresses, steps, "running")
+                db.execute("INSERT INTO run VALUES (?, ?, ?, ?, ?, ?, ?)", row)
             db.close()
         return cls(path)
 
@@ -113,7 +129,7 @@ class Journal:
             return Run(*self._db.execute("SELECT * FROM run").fetchone())
 
     def end(self, state: str) -> None:
-        """Say how the run ended: "done" or "aborted"; "running" when it goes on."""
+        """Say how the run ended: "done" or "interrupted"; "running" when it goes on."""
         self._do("UPDATE run SET state = ?", state)
 
     def section(self, step: int, label: str, what: str, time: float) -> None:

@@ -12,7 +12,7 @@ clock.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import degrees, pi
+from math import degrees, pi, radians
 from typing import Literal, NamedTuple
 
 from inercal.benches.table_moves import Limits
@@ -21,6 +21,7 @@ from inercal.host.tasks import Task
 
 Phase = Literal["enable", "home", "approach", "work", "return", "paused", "done", "aborted"]
 _NEAR = 1e-4  # rad: there, as far as the choice of a way goes; a servo's band is smaller
+_THERE = radians(0.05)  # beyond it an axis at rest is not where it was sent
 _PATIENCE = 1.5  # times what a motion takes by its limits
 _GRACE = 5.0  # s on top: to speed up, to settle
 _HOMING = 300.0  # s
@@ -99,6 +100,7 @@ class Sequencer:
         self._tasks, self._limits = tuple(tasks), tuple(limits)
         self._told = False  # the commands of this phase are out
         self._since, self._within = 0.0, 0.0
+        self._target: tuple[float, ...] = ()
         self._working = False
 
     @property
@@ -146,7 +148,8 @@ class Sequencer:
         Raises
         ------
         TableFault
-            An axis that says a fault, loses its zero or its servo, or does not arrive in time.
+            An axis that says a fault, loses its servo, comes to rest elsewhere than where it was sent,
+            or does not arrive in time.
         """
         if self.over or self.phase == "paused":
             return []
@@ -189,6 +192,7 @@ class Sequencer:
         """Return the commands that bring all axes to angles, and how long that may take."""
         commands: list[Command] = []
         longest = 0.0
+        self._target = tuple(angles)
         for i, (angle, rate, axis) in enumerate(zip(angles, rates, seen.axes, strict=True)):
             if abs(angle - axis.angle) > _NEAR or axis.moving:
                 accelerates = self._limits[i].acceleration
@@ -204,7 +208,15 @@ class Sequencer:
         task = self.task
         if self.phase == "work" and task is not None and not task.rate:
             return seen.time - self._since >= task.seconds
-        return all(axis.settled for axis in seen.axes)
+        if not all(axis.settled for axis in seen.axes):
+            return False
+        for i, (axis, angle) in enumerate(zip(seen.axes, self._target, strict=True)):
+            if abs(axis.angle - angle) > _THERE:
+                raise TableFault(
+                    f"axis {i} stands at {degrees(axis.angle):.4f}° instead of "
+                    f"{degrees(angle):.4f}°: it was stopped from outside{self._during()}"
+                )
+        return True
 
     def _go_further(self, time: float) -> None:
         if self.phase == "enable":

@@ -1,0 +1,178 @@
+"""`inercal bench`: drive a three-axis table, read an IMU, calibrate live; simulated or on iron."""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from inercal.host.folder import Folder
+    from inercal.host.journal import Journal
+    from inercal.host.run import Addresses, Options
+
+NAME = "bench"
+app = typer.Typer(
+    help="Drive a three-axis table, read an IMU, calibrate live.", no_args_is_help=True
+)
+
+_RunFile = Annotated[Path, typer.Argument(help="The run file (TOML): sensor, bench, data, method.")]
+_Clock = Annotated[str, typer.Option(help="Of a simulated bench, as `simulate` says it.")]
+_Speed = Annotated[
+    float | None, typer.Option(help="Most seconds of a simulated bench in one of the wall's.")
+]
+_Patience = Annotated[float, typer.Option(help="s that the IMU may be gone before the run ends.")]
+_Within = Annotated[
+    str, typer.Option("--temperature", help="°C that the IMU must stay within, as 15:40.")
+]
+_Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]
+_TABLE = "pmac://HOST:1025?motors=1,2,3&counts=3600000, acutrol://…?axes=1,2,3 or motor:serial:…"
+_IMU = "serial:/dev/ttyUSB0?preset=xsens&baud=921600 or tcp://HOST:PORT?preset=…"
+
+
+@app.command()
+def run(
+    run_file: _RunFile,
+    table: Annotated[str, typer.Option(help=_TABLE)],
+    imu: Annotated[str, typer.Option(help=_IMU)],
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="New folder of the run; by its time.")
+    ] = None,
+    clock: _Clock = "",
+    speed: _Speed = None,
+    patience: _Patience = 120.0,
+    temperature: _Within = "",
+    json: _Json = False,
+) -> None:
+    """Carry out the plan of a run file, and calibrate from what it leaves."""
+    from datetime import datetime
+
+    from inercal.host.folder import begin
+    from inercal.host.run import Addresses
+    from inercal.runfile import read
+
+    options = _options(speed, patience, temperature)
+    plan = read(run_file)
+    folder = out or Path(f"{run_file.stem}-{datetime.now():%Y%m%d-%H%M%S}")
+    addresses = Addresses(table, imu, clock)
+    made, journal = begin(folder, plan, addresses)
+    with journal:
+        _go(made, journal, addresses, options, json)
+
+
+@app.command()
+def resume(
+    folder: Annotated[Path, typer.Argument(help="The folder of a run that was interrupted.")],
+    table: Annotated[str, typer.Option(help=f"Where it has another address now: {_TABLE}")] = "",
+    imu: Annotated[str, typer.Option(help=f"The same: {_IMU}")] = "",
+    clock: _Clock = "",
+    speed: _Speed = None,
+    patience: _Patience = 120.0,
+    temperature: _Within = "",
+    json: _Json = False,
+) -> None:
+    """Go on with a run that was interrupted: the step that was in hand is repeated whole."""
+    from inercal.host.folder import resumed
+    from inercal.host.run import Addresses
+
+    options = _options(speed, patience, temperature)
+    made, journal = resumed(folder)
+    with journal:
+        was = journal.run()
+        addresses = Addresses(table or was.table, imu or was.imu, clock or was.clock)
+        _go(made, journal, addresses, options, json)
+
+
+def _go(
+    folder: "Folder", journal: "Journal", addresses: "Addresses", options: "Options", json: bool
+) -> None:
+    """Carry out what is left of a run, and finish it."""
+    from inercal.calibration.files import as_object
+    from inercal.cli.bench_keys import keys
+    from inercal.cli.bench_view import viewing
+    from inercal.cli.show import as_json, as_table, working
+    from inercal.host.compile import compiled
+    from inercal.host.finish import finish
+    from inercal.host.run import BenchRun
+
+    with working("compiling what a run needs, once on each machine"):
+        compiled(folder.run)
+    with viewing() as show, BenchRun(folder, journal, addresses, options, show) as bench, keys(bench):
+        done = bench.carry_out()
+    if not done:
+        print(f"inercal: interrupted: {bench.trouble}", file=sys.stderr)
+        print(f"go on by: inercal bench resume {folder.path}", file=sys.stderr)
+        raise typer.Exit(1)
+    with working(f"calibrating {folder.run.sensor.name} from {folder.run.data.file}"):
+        outcome, files = finish(folder, journal, bench.live)
+    if json:
+        as_json(as_object(outcome.calibration) | files)
+        return
+    as_table(outcome, folder.run.truth)
+    for path in files.values():
+        print(f"wrote {path}")
+
+
+def _options(speed: float | None, patience: float, temperature: str) -> "Options":
+    from inercal.errors import InputError
+    from inercal.host.run import Options
+
+    within: tuple[float, float] | None = None
+    if temperature:
+        low, _, high = temperature.partition(":")
+        try:
+            within = float(low) + 273.15, float(high) + 273.15
+        except ValueError:
+            within = (1.0, 0.0)
+        if not within[0] < within[1]:
+            raise InputError(f"--temperature {temperature!r}; give lowest and highest °C, as 15:40")
+    for name, value in (("--speed", speed), ("--patience", patience)):
+        if value is not None and not 0 < value < float("inf"):
+            raise InputError(f"{name} {value:g}; give a number above 0")
+    return Options(speed, within, patience)
+
+
+@app.command()
+def simulate(
+    run_file: _RunFile,
+    seed: Annotated[int, typer.Option(help="Of noise, and of what is imperfect.")] = 0,
+    preset: Annotated[str, typer.Option(help="Of the IMU's packets.")] = "fixed",
+    rate: Annotated[float | None, typer.Option(help="Packets a second; as in [data].")] = None,
+    pace: Annotated[
+        str, typer.Option(help="Bench seconds in one of the wall's; or granted: by the host.")
+    ] = "granted",
+    tcp: Annotated[bool, typer.Option("--tcp", help="The IMU on TCP, not on a terminal.")] = False,
+) -> None:
+    """Simulate the bench of a run file, until Ctrl-C: a Turbo PMAC, and an IMU on a terminal.
+
+    Lines typed here make things go wrong: `imu fault loss 0.01`, `table fault amplifier 2`.
+    """
+    from inercal.errors import InputError
+    from inercal.host.simulated import SimulatedBench
+
+    paced = pace if pace == "granted" else _number("--pace", pace)
+    with SimulatedBench(run_file, seed, preset, rate, paced, terminal=not tcp) as bench:
+        clock = f" --clock {bench.clock}" if bench.clock else ""
+        print(f"inercal bench run {run_file} --table '{bench.table}' --imu '{bench.imu}'{clock}")
+        sys.stdout.flush()
+        for line in sys.stdin:
+            which, _, words = line.strip().partition(" ")
+            try:
+                if which not in ("table", "imu"):
+                    raise InputError(f"{line.strip()!r}; possible: table WORDS or imu WORDS")
+                bench.tell(which, words)
+                print("ok", flush=True)
+            except InputError as error:
+                print(f"no: {error}", flush=True)
+
+
+def _number(option: str, text: str) -> float:
+    from inercal.errors import InputError
+
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < float("inf"):
+        raise InputError(f"{option} {text}; give a number above 0, or granted")
+    return value

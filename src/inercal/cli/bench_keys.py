@@ -1,0 +1,48 @@
+"""Keys of the terminal while a run goes on: p pauses, g goes on."""
+
+import sys
+from collections.abc import Generator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from inercal.host.run import BenchRun
+
+_WAIT = 0.2  # s
+
+
+@contextmanager
+def keys(run: "BenchRun") -> Generator[None]:
+    """Listen to the keys of a terminal; where there is none, do nothing."""
+    if not sys.stdin.isatty():
+        yield
+        return
+    import termios
+    import tty
+    from select import select
+    from threading import Thread
+
+    over = False
+
+    def listen() -> None:
+        while not over:
+            if select([sys.stdin], [], [], _WAIT)[0]:
+                match sys.stdin.read(1):
+                    case "p":
+                        run.ask("pause")
+                    case "g":
+                        run.ask("go on")
+                    case _:
+                        pass
+
+    before = termios.tcgetattr(sys.stdin)
+    # Ctrl-C stays a signal, which the watchdog hears too.
+    tty.setcbreak(sys.stdin)
+    thread = Thread(target=listen, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over = True
+        thread.join()
+        termios.tcsetattr(sys.stdin, termios.TCSADRAIN, before)

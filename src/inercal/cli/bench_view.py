@@ -1,0 +1,139 @@
+"""What a run on a bench looks like in a terminal while it goes on."""
+
+from collections.abc import Callable, Generator, Mapping
+from contextlib import contextmanager
+from math import degrees
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from inercal.host.run import BenchRun
+
+_COLOURS = {"info": "default", "warning": "yellow", "alarm": "bold red"}
+_KEYS = "p pause · g go on · Ctrl-C stop"
+
+
+@contextmanager
+def viewing() -> Generator[Callable[["BenchRun"], None]]:
+    """Give what shows a run: a panel on a terminal, else a line an event; both on standard error."""
+    from rich.console import Console
+    from rich.live import Live
+
+    console = Console(stderr=True, highlight=False)
+    if not console.is_terminal:
+        told = 0
+
+        def say(run: "BenchRun") -> None:
+            nonlocal told
+            fresh = min(run.events - told, len(run.said))
+            for level, words in list(run.said)[len(run.said) - fresh :]:
+                console.print(f"{run.time:8.1f} s  {level:7}  {words}", markup=False, soft_wrap=True)
+            told = run.events
+
+        yield say
+        return
+    with Live(console=console, auto_refresh=False, transient=True) as live:
+
+        def draw(run: "BenchRun") -> None:
+            live.update(panel(run), refresh=True)
+
+        yield draw
+
+
+def panel(run: "BenchRun") -> "RenderableType":
+    """Return the picture of a run."""
+    from rich.console import Group
+    from rich.panel import Panel
+    from rich.table import Table
+    from rich.text import Text
+
+    head = Text(_progress(run), style="bold")
+    axes = Table(box=None, padding=(0, 2, 0, 0))
+    for name in ("axis", "angle", "rate", "following error", ""):
+        axes.add_column(name, justify="left" if name in ("axis", "") else "right")
+    if run.state is not None:
+        for name, axis in zip(run.axes, run.state.axes, strict=True):
+            state = ", ".join(axis.faults) or (
+                "off" if not axis.enabled else "turns" if axis.moving else "holds"
+            )
+            axes.add_row(
+                name,
+                f"{degrees(axis.angle):.4f} °",
+                f"{degrees(axis.rate):.3f} °/s",
+                f"{3600 * degrees(axis.following_error):.1f} ″",
+                state,
+            )
+    said = Text()
+    for level, words in run.said:
+        said.append(f"{words}\n", style=_COLOURS[level])
+    parts = [head, axes, Text(_imu(run)), *_found(run), said, Text(_KEYS, style="dim")]
+    return Panel(Group(*parts), title=run.name)
+
+
+def _progress(run: "BenchRun") -> str:
+    made, task = run.sequencer, run.sequencer.task
+    left = made.remaining(run.state.time) if run.state is not None else 0.0
+    where = f"step {made.number + 1} of {len(run.tasks)}: {task.label}, " if task else ""
+    what = f"pauses: {run.paused}" if run.paused else made.phase
+    return (
+        f"{where}{what} · {_clock(run.time)} gone, {_clock(left)} to go"
+        f"{f' · {run.speed:.0f} × real time' if run.speed > 1.5 else ''}"
+    )
+
+
+def _clock(seconds: float) -> str:
+    return f"{int(seconds) // 60}:{int(seconds) % 60:02d}"
+
+
+def _imu(run: "BenchRun") -> str:
+    tally = run.assembly.tally
+    counts = tally.bytes
+    return (
+        f"IMU: {counts.packets} packets, {counts.lost} lost, {counts.failed} with a wrong check, "
+        f"{counts.thrown} bytes thrown away; {tally.samples} samples with an angle"
+    )
+
+
+def _found(run: "BenchRun") -> "list[RenderableType]":
+    """Return where the IMU is, and what the filters have found so far."""
+    from rich.table import Table
+    from rich.text import Text
+
+    live = run.live
+    if live is None:
+        return []
+    if not live.begun:
+        return [Text("the filters begin after 20 s of rest")]
+    made: list[RenderableType] = []
+    if (at := run.navigation) is not None:
+        made.append(Text(
+            f"attitude: roll {at.roll:.3f} °, pitch {at.pitch:.3f} °, heading {at.heading:.3f} °; "
+            "from the table's "
+            + " ".join(f"{x:+.1f} ″" for x in at.apart)
+            + "; velocity " + " ".join(f"{v:+.3f}" for v in at.velocity) + " m/s"
+        ))  # fmt: skip
+    values = {name: (v, u) for name, v, u in zip(live.names, live.values, live.std, strict=True)}
+    for kind in ("f", "w"):
+        part = run.sensor.only(kind)
+        if not part.coefficients:
+            continue
+        table = Table(box=None, padding=(0, 2, 0, 0))
+        for heading in ("", *(axis.name for axis in part.axes), ""):
+            table.add_column(heading, justify="right" if heading else "left")
+        for own in dict.fromkeys(name.partition(".")[2] for name in part.coefficients):
+            cells = [_cell(run, f"{axis.name}.{own}", values) for axis in part.axes]
+            unit = part.coefficient(f"{part.axes[0].name}.{own}").unit
+            table.add_row(own, *cells, f"{unit} (± is k = 2)")
+        made.append(table)
+    return made
+
+
+def _cell(run: "BenchRun", name: str, values: "Mapping[str, tuple[float, float]]") -> str:
+    from inercal.units import digits
+
+    if name not in values:
+        return ""
+    value, std = values[name]
+    size = run.sensor.coefficient(name).si
+    return " ± ".join(digits(value / size, 2 * std / size))

@@ -1,0 +1,75 @@
+"""What is made of a run when all is done: recording, calibration, report, and their digests."""
+
+from importlib.metadata import version
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from inercal.calibration.files import save
+from inercal.host.addresses import layout_of_address
+from inercal.host.folder import Folder
+from inercal.host.journal import Journal
+from inercal.host.live import Live
+from inercal.host.log import digest
+from inercal.host.record import write
+from inercal.host.run import POLL
+from inercal.pipeline import Outcome, calibrate
+from inercal.report import write_report
+
+
+class Finished(NamedTuple):
+    """The outcome, and the files of the run by what they are."""
+
+    outcome: Outcome
+    files: dict[str, str]
+
+
+def finish(folder: Folder, journal: Journal, live: Live | None = None) -> Finished:
+    """Write recording, calibration and report of a run that is done, and keep their digests.
+
+    Parameters
+    ----------
+    folder : Folder
+    journal : Journal
+    live : Live, optional
+        Its values are compared with those of the recording, and the journal says how they agree.
+
+    Raises
+    ------
+    InercalError
+        The recording cannot be used: it stands all the same, and so does the log.
+    """
+    run = folder.run
+    was = journal.run()
+    about = {"table": was.table, "imu": was.imu, "begun": was.begun, "inercal": version("inercal")}
+    recording = write(run, layout_of_address(was.imu), folder.log, folder.path, about, POLL)
+    files = {"run_file": run.path, "log": folder.log, "recording": recording}
+    _digests(journal, files)
+    outcome = calibrate(run)
+    if live is not None and live.begun:
+        _compare(journal, live, outcome)
+    files["calibration_file"] = save(outcome.calibration, folder.made("calibration.json"))
+    files["report"] = write_report(outcome, folder.made("report.html"), run.truth or None)
+    _digests(journal, files)
+    journal.end("done")
+    named = {kind: str(path) for kind, path in files.items()}
+    return Finished(outcome, named | {"journal": str(folder.journal)})
+
+
+def _digests(journal: Journal, files: dict[str, Path]) -> None:
+    for path in files.values():
+        journal.file(path.name, path.stat().st_size, digest(path))
+
+
+def _compare(journal: Journal, live: Live, outcome: Outcome) -> None:
+    """Keep how what was found while it ran agrees with what the recording gives."""
+    names = outcome.estimate.names
+    found = np.array([outcome.estimate.value[names.index(name)] for name in live.names])
+    apart = float(np.max(np.abs(np.array(live.values) - found)))
+    words = (
+        "what was found live is what the recording gives, to the last bit"
+        if apart == 0
+        else f"what was found live and what the recording gives are apart by up to {apart:.2g} (SI)"
+    )
+    journal.event("info" if apart == 0 else "warning", words)

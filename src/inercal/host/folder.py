@@ -1,0 +1,130 @@
+"""The folder of a run: the run file and what it names, the raw log, the journal, and what is made.
+
+    plan.toml, path.csv   copies: a run is resumed by these, whatever became of the originals
+    run.log               what the devices said, byte for byte
+    run.journal           what was planned, begun, done and said (SQLite)
+    recording.h5          by the name in [data], at the end
+    plan.calibration.json, plan.report.html
+"""
+
+import os
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+from inercal.errors import InputError
+from inercal.host.journal import Journal
+from inercal.host.record import require_recordable
+from inercal.io.atomic import atomic_write
+from inercal.runfile import Run, read
+
+LOG, JOURNAL = "run.log", "run.journal"
+
+
+@dataclass(frozen=True)
+class Folder:
+    """Where the files of a run lie.
+
+    Parameters
+    ----------
+    path : Path
+    run : Run
+        Read from the folder's own copy.
+    """
+
+    path: Path
+    run: Run
+
+    @classmethod
+    def begin(cls, path: str | os.PathLike[str], run: Run) -> "Folder":
+        """Make a folder for a run, with copies of its run file and the file of its path.
+
+        Raises
+        ------
+        InputError
+            It cannot be made, or there is a run in it already.
+        """
+        path = Path(path)
+        if (path / JOURNAL).exists():
+            raise InputError(
+                f"{path} holds a run already: go on with it by `inercal bench resume {path}`, or "
+                "name another folder"
+            )
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+            for name in (run.path.name, *_named(run.path)):
+                with atomic_write(path / name) as temporary:
+                    temporary.write_bytes((run.path.parent / name).read_bytes())
+        except OSError as error:
+            raise InputError(f"{path}: cannot be made: {error.strerror}") from None
+        return cls(path, read(path / run.path.name))
+
+    @classmethod
+    def of(cls, path: str | os.PathLike[str], run_file: str) -> "Folder":
+        """Return the folder of a run that is there, by the name of its run file."""
+        return cls(Path(path), read(Path(path) / run_file))
+
+    @property
+    def log(self) -> Path:
+        """The raw log."""
+        return self.path / LOG
+
+    @property
+    def journal(self) -> Path:
+        """The journal."""
+        return self.path / JOURNAL
+
+    def made(self, kind: str) -> Path:
+        """Return the name of what is made of the run: "calibration.json", "report.html"."""
+        return self.path / f"{self.run.path.stem}.{kind}"
+
+
+def begin(
+    path: str | os.PathLike[str], run: Run, addresses: tuple[str, str, str]
+) -> tuple[Folder, Journal]:
+    """Make the folder of a run and its journal, before anything moves.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be made or holds a run, the run file is none of a bench run, or its plan
+        cannot be carried out.
+    """
+    require_recordable(run)
+    count = len(run.steps)
+    folder = Folder.begin(path, run)
+    return folder, Journal.begin(folder.journal, run.path.name, addresses, count)
+
+
+def resumed(path: str | os.PathLike[str]) -> tuple[Folder, Journal]:
+    """Return the folder and journal of a run that was interrupted.
+
+    Raises
+    ------
+    InputError
+        There is no run in the folder, or it is done.
+    """
+    journal = Journal(Path(path) / JOURNAL)
+    try:
+        was = journal.run()
+        if was.state == "done":
+            raise InputError(f"{path}: this run is done; its recording can be calibrated again")
+        folder = Folder.of(path, was.run_file)
+    except BaseException:
+        journal.close()
+        raise
+    return folder, journal
+
+
+def _named(run_file: Path) -> list[str]:
+    """Return the files that a run file names, all but the recording, which is still to come."""
+    section = tomllib.loads(run_file.read_text(encoding="utf-8")).get("method", {})
+    names = [section.get("path"), section.get("prior_file"), *section.get("prior_from", {})]
+    files = [name for name in names if name is not None and (run_file.parent / name).is_file()]
+    for name in files:
+        if Path(name).parent != Path():
+            raise InputError(
+                f"{run_file}: [method] names {name}: a run takes copies into a folder of its own; "
+                "have it lie beside the run file"
+            )
+    return files

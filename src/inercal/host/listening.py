@@ -1,0 +1,116 @@
+"""The IMU's bytes tick by tick, and what becomes of the port: lost, silent, back again."""
+
+from collections.abc import Callable
+from time import monotonic
+from typing import NamedTuple
+
+from inercal.host.clock import Tick
+from inercal.host.imu import ImuPort
+from inercal.host.link import LinkLost
+
+_SILENT = 0.5  # s
+_CALM = 1.0  # s of bytes from one that was silent, before it is trusted again
+_AGAIN = 0.5  # s of the wall's between two tries to open a port
+
+
+class Heard(NamedTuple):
+    """What a tick brought.
+
+    Parameters
+    ----------
+    pieces : list of (float, bytes)
+        With the run's time of each.
+    opened : bool
+        The port was opened anew: these bytes do not follow those before.
+    """
+
+    pieces: list[tuple[float, bytes]]
+    opened: bool = False
+
+
+class Listening:
+    """Listens to an IMU, and opens its port again when it was lost.
+
+    Parameters
+    ----------
+    opener : callable
+        Opens the port; raises `LinkLost` where it is not there.
+    tick : Tick
+        Of the bench when the port is opened first.
+
+    Attributes
+    ----------
+    trouble : str or None
+        What is wrong, in words; None while bytes come.
+    since : float
+        The run's time since when that is so.
+
+    Raises
+    ------
+    LinkLost
+        The port cannot be opened.
+    """
+
+    def __init__(self, opener: Callable[[], ImuPort], tick: Tick):
+        self._open = opener
+        self._port: ImuPort | None = opener()
+        self._base = tick.sent or 0  # what the bench had sent before the port was there
+        self._heard, self._calm = tick.time, tick.time
+        self._tried = 0.0
+        self.trouble: str | None = None
+        self.since = tick.time
+
+    def take(self, tick: Tick) -> Heard:
+        """Return the bytes that came by the tick: of a bench that counts them, to the last one."""
+        opened = self._port is None and self._again(tick)
+        if self._port is None:
+            return Heard([])
+        try:
+            if tick.sent is None:
+                pieces = self._port.take()
+            else:
+                # Bytes of a simulated bench are of the time that the bench says, however they came.
+                came = self._port.take(upto=tick.sent - self._base)
+                data = b"".join(piece for _, piece in came)
+                pieces = [(tick.sent_by, data)] if data else []
+        except LinkLost as error:
+            self._port.close()
+            self._port = None
+            self._say(f"the IMU is gone: {error}", tick.time)
+            return Heard([])
+        self._judge(tick.time, bool(pieces))
+        return Heard(pieces, opened)
+
+    def close(self) -> None:
+        """Close the port, if it is open."""
+        if self._port is not None:
+            self._port.close()
+
+    def _again(self, tick: Tick) -> bool:
+        """Try to open the port; True where that was possible."""
+        if monotonic() - self._tried < _AGAIN:
+            return False
+        self._tried = monotonic()
+        try:
+            self._port = self._open()
+        except LinkLost:
+            return False
+        self._base = tick.sent or 0
+        self._heard = self._calm = tick.time
+        return True
+
+    def _judge(self, now: float, some: bool) -> None:
+        """Say whether bytes come as they should."""
+        if now - self._heard > _SILENT and not some:
+            self._say(f"the IMU has been silent for {_SILENT:g} s", now)
+        if some:
+            if now - self._heard > _SILENT:
+                self._calm = now
+            self._heard = now
+            if self.trouble is not None and now - self._calm >= _CALM:
+                self.trouble = None
+
+    def _say(self, words: str, now: float) -> None:
+        self._calm = now
+        if self.trouble is None:
+            self.trouble, self.since = words, now

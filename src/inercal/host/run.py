@@ -1,0 +1,405 @@
+"""A run on a bench, from the first command to the table at rest: the loop that all else serves.
+
+Every 20 ms of the bench's time::
+
+    clock -> table's state and IMU's bytes -> log -> interlocks -> sequencer -> table, log, journal
+
+and while the bench goes on, what came is assembled and both filters make their steps of it. What
+an estimate is made of is in the log: a run that was interrupted replays it, and repeats the step
+that was in hand whole.
+
+On any way out the table comes to rest: by the sequencer, or by the watchdog (`guard`), a process of
+its own with its own connection. Both are software; the hardware interlock is the safety function.
+"""
+
+import json
+from collections import deque
+from collections.abc import Callable
+from contextlib import ExitStack
+from datetime import datetime
+from math import isfinite
+from queue import SimpleQueue
+from time import monotonic
+from typing import Literal, NamedTuple, Self
+
+from inercal.benches import Turntable
+from inercal.errors import InercalError, InputError
+from inercal.host.addresses import layout_of_address, open_imu, open_table
+from inercal.host.assembly import Assembly
+from inercal.host.clock import Clock, SimulatedClock, Tick, WallClock
+from inercal.host.drivers.table import ProtocolError, TableFault, TableState
+from inercal.host.folder import Folder
+from inercal.host.guard import Guard
+from inercal.host.interlocks import Interlocks
+from inercal.host.journal import Journal
+from inercal.host.link import LinkLost
+from inercal.host.listening import Listening
+from inercal.host.live import Live
+from inercal.host.log import EVENT, IMU, TABLE, Frame, Log, frames
+from inercal.host.navigation import Navigation, Navigator
+from inercal.host.sequencer import Command, Enable, Go, Home, Sequencer
+from inercal.host.states import pack
+from inercal.host.tasks import tasks
+from inercal.methods.turntable_kalman import METHOD
+from inercal.plan import Position, Rotation
+
+POLL = 0.02  # s between readings of the table
+_PIECE = 0.5  # s of the bench that the filters are handed at a time
+_SHOWN = 0.2  # s of the wall's between two looks at the run
+_UNHEARD = 5  # readings of the table in a row that may fail
+_KEPT = 8  # events that a view shows
+_AT_REST = 1e-3  # rad/s
+_TRIAD = 3
+_GRACE = 5.0  # s to come to rest in, beside what the deceleration takes
+_Why = Literal["operator", "watchdog", "IMU"]
+
+
+class Addresses(NamedTuple):
+    """Where the devices are; `clock` is that of a simulated bench, empty on iron."""
+
+    table: str
+    imu: str
+    clock: str = ""
+
+
+class Options(NamedTuple):
+    """What an operator may say of a run.
+
+    Parameters
+    ----------
+    speed : float or None
+        Most seconds of a simulated bench in one of the wall's; None is as fast as it goes.
+    temperature : (float, float) or None
+        K that the IMU must stay within.
+    patience : float
+        s that an IMU may be gone before the run ends.
+    """
+
+    speed: float | None = None
+    temperature: tuple[float, float] | None = None
+    patience: float = 120.0
+
+
+class BenchRun:
+    """One run, begun or resumed; a context manager that leaves the table at rest.
+
+    Parameters
+    ----------
+    folder : Folder
+    journal : Journal
+    addresses : Addresses
+    options : Options
+    show : callable
+        Called with the run itself, five times a second of the wall's.
+
+    Attributes
+    ----------
+    name, sensor, axes
+        The sensor's name, the sensor, the names of the table's axes.
+    time : float
+        The run's, s.
+    state : TableState or None
+        As last read.
+    sequencer : Sequencer
+    tasks : tuple of Task
+    assembly : Assembly
+    live : Live or None
+        The filters, where the run file's method is theirs.
+    navigation : Navigation or None
+        Attitude and velocity by the corrected readings alone, of an IMU, once the filters are there.
+    events : int
+        How many there were.
+    said : deque of (str, str)
+        Level and words of the last of them.
+    trouble : str
+        Why the run was interrupted; empty where it was not.
+
+    Raises
+    ------
+    InputError
+        A run file that is none of a turntable, an address that is none, a log that is damaged.
+    LinkLost
+        Nobody is there.
+    """
+
+    def __init__(
+        self,
+        folder: Folder,
+        journal: Journal,
+        addresses: Addresses,
+        options: Options = Options(),
+        show: Callable[["BenchRun"], None] = lambda run: None,
+    ):
+        run, bench = folder.run, folder.run.bench
+        if not isinstance(bench, Turntable):
+            raise InputError(f"{run.path}: [bench] kind: a bench run takes a turntable")
+        steps = [step for step in run.steps if isinstance(step, Position | Rotation)]
+        self.tasks = tasks(bench, steps)
+        self.sequencer = Sequencer(self.tasks, bench.limits_of_axes, journal.done())
+        self.name, self.sensor, self.axes = run.sensor.name, run.sensor, bench.names
+        self.live = Live(run) if run.method.name == METHOD.name else None
+        whole = all(len(self.sensor.only(kind).axes) == _TRIAD for kind in ("f", "w"))
+        self._navigator = Navigator(self.sensor, bench) if whole else None
+        self.navigation: Navigation | None = None
+        self.events = 0
+        self.said: deque[tuple[str, str]] = deque(maxlen=_KEPT)
+        self.state: TableState | None = None
+        self.trouble = ""
+        self._journal, self._options, self._show = journal, options, show
+        self._bench = bench
+        self._paused: dict[_Why, str] = {}
+        self._asked: SimpleQueue[Literal["pause", "go on", "stop"]] = SimpleQueue()
+        self._unheard, self._worked, self._shown = 0, 0.0, 0.0
+        layout = layout_of_address(addresses.imu)
+        self.assembly = Assembly.of(run, layout, POLL)
+        with ExitStack() as opened:
+            self._log = opened.enter_context(Log(folder.log))
+            self._replay(folder)
+            self._clock = _clock(addresses, options, journal)
+            opened.callback(self._clock.close)
+            self._table = opened.enter_context(open_table(addresses.table, bench))
+            self._interlocks = Interlocks(bench, self._table.limits, options.temperature)
+            now, clock = self._clock.now(), self._clock
+            self._imu = Listening(lambda: open_imu(addresses.imu, clock.now), Tick(now, 0, now))
+            opened.callback(self._imu.close)
+            self._guard = opened.enter_context(Guard(addresses.table))
+            self._opened = opened.pop_all()
+        self.time, self._next = now, now + POLL
+        self._since = monotonic(), now
+
+    @property
+    def speed(self) -> float:
+        """Seconds of the bench in one of the wall's, so far."""
+        wall, bench = self._since
+        return (self.time - bench) / max(monotonic() - wall, 1e-9)
+
+    @property
+    def paused(self) -> str:
+        """Why the run pauses; empty where it does not."""
+        return "; ".join(self._paused.values())
+
+    def ask(self, what: Literal["pause", "go on", "stop"]) -> None:
+        """Ask for something, from whichever thread; it is done within a tick."""
+        self._asked.put(what)
+
+    def carry_out(self) -> bool:
+        """Go through the plan; True when all is done, False when it was interrupted.
+
+        The table is at rest then, or `trouble` says why that is not known.
+        """
+        with self._guard.catch_signals():
+            self._attach()
+            while not self.sequencer.over:
+                self._tick()
+            self._come_to_rest()
+        self._work()
+        self._journal.end("running" if self.sequencer.phase == "done" else "interrupted")
+        self._show(self)
+        return self.sequencer.phase == "done"
+
+    def _tick(self) -> None:
+        """Let the bench go on by one tick, and do what is to be done of what it brought."""
+        self._clock.begin(self._next)
+        if self.time - self._worked >= _PIECE:
+            self._work()
+        if monotonic() - self._shown >= _SHOWN:
+            self._shown = monotonic()
+            self._show(self)
+        tick = self._clock.end()
+        # A bench that has gone on by itself is not followed tick by tick.
+        self._next = max(self._next, tick.time) + POLL
+        self.time = tick.time
+        self._guard.beat()
+        fresh = self._read()
+        heard = self._imu.take(tick)
+        if heard.opened:
+            self._attach()
+        for time, data in heard.pieces:
+            self._keep(IMU, time, data)
+        self._watch()
+        if fresh is not None:
+            self._go_on(fresh)
+
+    def _read(self) -> TableState | None:
+        """Read the table; None where that failed, or where it is gone."""
+        asked = self._clock.now()
+        try:
+            state = self._table.read()
+        except ProtocolError as error:
+            self._unheard += 1
+            self._say("warning", str(error))
+            if self._unheard >= _UNHEARD:
+                self._end(f"{_UNHEARD} readings of the table in a row failed")
+            return None
+        except LinkLost as error:
+            self._end(f"the table is gone: {error}")
+            return None
+        self._unheard = 0
+        self._keep(TABLE, (asked + self._clock.now()) / 2, pack(state))
+        self.state = state
+        return state
+
+    def _watch(self) -> None:
+        """Look at what was asked for, at watchdog and IMU: the run pauses, goes on or ends."""
+        while not self._asked.empty():
+            match self._asked.get():
+                case "pause":
+                    self._pause("operator", "paused by the operator")
+                case "go on":
+                    self._paused.pop("operator", None)
+                case "stop":
+                    self._end("stopped by the operator")
+        for line in self._guard.said():
+            if line == "at rest":
+                self._paused.pop("watchdog", None)
+            else:
+                self._pause("watchdog", f"watchdog: {line}")
+        if self._guard.interrupted:
+            self._end("stopped by the operator")
+        elif not self._guard.alive:
+            self._end("the watchdog is gone")
+        if self._imu.trouble is None:
+            self._paused.pop("IMU", None)
+        elif self.time - self._imu.since > self._options.patience:
+            self._end(f"{self._imu.trouble}, and not back within {self._options.patience:g} s")
+        else:
+            self._pause("IMU", self._imu.trouble)
+        if self.sequencer.phase == "paused" and not self._paused:
+            self._say("info", "goes on")
+            self.sequencer.go_on()
+
+    def _go_on(self, state: TableState) -> None:
+        """Show the sequencer a state of the table, and do what it says."""
+        if self.sequencer.over:
+            return
+        words = self._interlocks.check(state, self.time)
+        if words is not None:
+            self._end(words)
+            return
+        try:
+            self._tell(self.sequencer.step(state))
+        except (TableFault, ProtocolError, LinkLost) as error:
+            if "watchdog" not in self._paused:
+                self._end(str(error))
+        self._sections()
+
+    def _tell(self, commands: list[Command]) -> None:
+        for command in commands:
+            match command:
+                case Enable():
+                    self._table.enable()
+                case Home():
+                    self._table.home()
+                case Go(axis, angle, rate, acceleration):
+                    self._table.move(self._table.axes[axis], angle, rate, acceleration)
+                case _:
+                    self._table.stop()
+
+    def _sections(self) -> None:
+        """Keep what began and ended, first in the log: what the journal calls done is there."""
+        made = self.sequencer.sections
+        for one in made:
+            holds = not self.tasks[one.number].rate
+            self._event(
+                what="section", number=one.number, label=one.label, state=one.what, time=one.time,
+                hold=holds,
+            )  # fmt: skip
+            self._journal.section(one.number, one.label, one.what, one.time)
+            if one.what == "begun":
+                self._say("info", f"step {one.number + 1} of {len(self.tasks)}: {one.label}")
+        made.clear()
+
+    def _pause(self, why: _Why, words: str) -> None:
+        if why in self._paused or self.sequencer.over:
+            return
+        self._paused[why] = words
+        self._say("warning", f"{words}; the table stops, the step in hand will be repeated")
+        self._stop(self.sequencer.pause)
+
+    def _end(self, words: str) -> None:
+        if self.sequencer.over:
+            return
+        self.trouble = words
+        self._say("alarm", words)
+        self._stop(self.sequencer.abort)
+
+    def _stop(self, how: Callable[[float], list[Command]]) -> None:
+        """Pause or abort; where the table cannot be told, the watchdog goes on trying."""
+        try:
+            self._tell(how(self.time if self.state is None else self.state.time))
+        except (TableFault, ProtocolError, LinkLost) as error:
+            self._say("alarm", f"{error}; the watchdog is told to stop the table")
+            self._guard.stop()
+        self._sections()
+
+    def _come_to_rest(self) -> None:
+        """See the table come to rest; where it does not, or is gone, the watchdog has it."""
+        slowest = max(one.rate / one.acceleration for one in self._bench.limits_of_axes)
+        until = self.time + slowest + _GRACE
+        while self.time < until:
+            self._tick()
+            state = self.state
+            if state is not None and all(
+                abs(axis.rate) < _AT_REST and not axis.moving for axis in state.axes
+            ):
+                return
+        self._say("alarm", "the table is not seen to come to rest; the watchdog is told to stop it")
+        self._guard.stop()
+
+    def _work(self) -> None:
+        """Make blocks of what came, and steps of the filters."""
+        self._worked = self.time
+        try:
+            block = self.assembly.take()
+        except InputError as error:
+            self._end(str(error))
+            return
+        if block is None or self.live is None:
+            return
+        try:
+            self.live.feed(block)
+            if self.live.begun and self._navigator is not None:
+                self.navigation = self._navigator.feed(block.track, self.live.values)
+        except InercalError as error:
+            # The recording is what counts: it may be calibrated otherwise.
+            self.live = None
+            self._say("warning", f"live estimation ends: {error}")
+
+    def _attach(self) -> None:
+        """Keep that what follows does not follow what was before; steps not done are repeated."""
+        wraps = {"wraps": self._table.wraps} if isfinite(self._table.wraps) else {}
+        self._event(what="session", next=self.sequencer.number, **wraps)
+
+    def _event(self, **content: object) -> None:
+        self._keep(EVENT, self.time, json.dumps(content).encode())
+
+    def _keep(self, kind: int, time: float, payload: bytes) -> None:
+        self._log.append(kind, time, payload)
+        self.assembly.feed(Frame(kind, time, payload))
+
+    def _say(self, level: Literal["info", "warning", "alarm"], words: str) -> None:
+        self.events += 1
+        self.said.append((level, words))
+        self._journal.event(level, words, self.time)
+
+    def _replay(self, folder: Folder) -> None:
+        """Go through what the log holds of a run that was interrupted."""
+        done = 0.0
+        for frame in frames(folder.log):
+            self.assembly.feed(frame)
+            if frame.time - done >= _PIECE:
+                done = frame.time
+                self._work()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._opened.close()
+
+
+def _clock(addresses: Addresses, options: Options, journal: Journal) -> Clock:
+    """Return the bench's clock: a simulated one's own, or the wall's since the run was begun."""
+    if addresses.clock:
+        return SimulatedClock(addresses.clock, options.speed)
+    return WallClock(datetime.fromisoformat(journal.run().begun).timestamp())
