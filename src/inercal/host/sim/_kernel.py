@@ -14,6 +14,9 @@ the same place.
     α = ω² (desired − encoder) + 2ζω (k desired rate − encoder rate),    |α| ≤ torque
 
 so that a steady rate lags by 2ζ(1 − k)/ω times it. Without the servo, friction brakes it.
+
+**Readback.** What is read may be what the encoder said a while ago, linearly between two cycles.
+The servo has no such delay.
 """
 # Numba's decorator has no types, nor has a field of a record.
 # pyright: reportUntypedFunctionDecorator=false, reportAttributeAccessIssue=false
@@ -27,6 +30,12 @@ from numpy.typing import NDArray
 
 HOLD, GO, RUN, SEARCH = 0, 1, 2, 3
 MOST_SMOOTH = 1024
+PAST = 4096  # cycles of the encoder that are kept, a power of 2
+
+# Flags of a report.
+CLOSED, MOVING, SETTLED, HOMED, SEARCHING, ABORTING, LIMITED, TRIPPED, AMPLIFIER = (
+    1 << bit for bit in range(9)
+)
 
 AXIS = np.dtype(
     [
@@ -65,6 +74,7 @@ AXIS = np.dtype(
         ("encoder", "f8"),
         ("encoder_rate", "f8"),
         ("zero", "f8"),
+        ("delay", "f8"),  # of what is read, cycles
         # Flags.
         ("closed", "i8"),
         ("homed", "i8"),
@@ -165,6 +175,7 @@ def _guard(x: Any, before: float) -> None:
 def advance(
     axes: NDArray[Any],
     past: NDArray[np.float64],
+    shown: NDArray[np.float64],
     cycle: int,
     count: int,
     period: float,
@@ -172,7 +183,8 @@ def advance(
 ) -> None:
     """Advance all axes by `count` cycles from cycle `cycle`.
 
-    `out`, (count, axes, 3), gets angle, rate and acceleration at the end of every cycle.
+    `out`, (count, axes, 3), gets angle, rate and acceleration at the end of every cycle, `shown`,
+    (axes, PAST), what the encoders say.
     """
     for k in range(count):
         for i in range(axes.size):
@@ -184,3 +196,37 @@ def advance(
             _turn(x, period)
             _guard(x, before)
             out[k, i, 0], out[k, i, 1], out[k, i, 2] = x.angle, x.rate, x.rotation
+            shown[i, (cycle + k) & (PAST - 1)] = x.encoder
+
+
+@njit(cache=True, nogil=True)
+def report(
+    axes: NDArray[Any], shown: NDArray[np.float64], cycle: int, out: NDArray[np.float64]
+) -> None:
+    """Say what a controller reports after `cycle` cycles.
+
+    `out`, (axes, 5), gets what is read of the encoder and its rate, the following error, where the
+    axis' zero is, and the flags.
+    """
+    for i in range(axes.size):
+        x = axes[i]
+        read = x.encoder
+        if x.delay > 0.0:
+            then = max(cycle - 1 - x.delay, 0.0)
+            last = floor(then)
+            left = then - last
+            read = (1.0 - left) * shown[i, last & (PAST - 1)]
+            read += left * shown[i, (last + 1) & (PAST - 1)]
+        moving = x.closed and (x.mode != HOLD or x.raw_rate != 0.0 or x.desired_rate != 0.0)
+        error = x.desired - x.encoder
+        flags = CLOSED if x.closed else 0
+        flags |= MOVING if moving else 0
+        flags |= SETTLED if x.closed and not moving and abs(error) <= x.band else 0
+        flags |= HOMED if x.homed else 0
+        flags |= SEARCHING if x.mode == SEARCH else 0
+        flags |= ABORTING if x.aborting else 0
+        flags |= LIMITED if x.limited else 0
+        flags |= TRIPPED if x.tripped else 0
+        flags |= AMPLIFIER if x.amplifier else 0
+        out[i, 0], out[i, 1], out[i, 2] = read, x.encoder_rate, error
+        out[i, 3], out[i, 4] = x.zero, flags

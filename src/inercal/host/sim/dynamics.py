@@ -8,7 +8,7 @@ The equations are in `_kernel`.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import inf, pi
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +43,12 @@ class Axis:
     friction : float
         Deceleration of an axis that coasts, rad/s².
     reading : callable, optional
-        Encoder's angle → what it says, rad: harmonics, noise. The servo feels the angle itself.
+        Encoder's angle → what is read of it, rad: harmonics. The servo feels the angle itself.
+    noise : callable, optional
+        Number of the servo cycle → noise of what is read in it, rad, so that it is the same however
+        often it is asked for.
+    delay : float
+        s by which what is read is late; the servo and the following error are not.
     """
 
     name: str = "axis"
@@ -55,6 +60,17 @@ class Axis:
     torque: float = 50.0
     friction: float = 0.2
     reading: Callable[[float], float] | None = None
+    noise: Callable[[int], float] | None = None
+    delay: float = 0.0
+
+
+class Report(NamedTuple):
+    """What a controller can say of an axis: rad and rad/s from its zero; flags of `_kernel`."""
+
+    reading: float
+    rate: float
+    following_error: float
+    flags: int
 
 
 @dataclass(frozen=True)
@@ -76,6 +92,11 @@ class Table:
         Outer to inner; their servos are off.
     frequency : float
         Servo cycles a second.
+
+    Raises
+    ------
+    ValueError
+        A delay that is negative or longer than what is kept of the encoder.
     """
 
     def __init__(self, axes: Sequence[Axis], frequency: float = 8388608e3 / 3713707):
@@ -85,14 +106,23 @@ class Table:
         # One row an axis: the controllers' simulators set and read its fields.
         self.state: Any = np.zeros(len(self.axes), kernel.AXIS).view(np.recarray)
         self._past = np.zeros((len(self.axes), kernel.MOST_SMOOTH))
+        self._shown = np.empty((len(self.axes), kernel.PAST))
+        self._said = np.empty((len(self.axes), 5))
+        self._plain = self.state.view(np.ndarray)
         for x, axis in zip(self.state, self.axes, strict=True):
             x.omega, x.zeta, x.feedforward = axis.omega, axis.zeta, axis.feedforward
             x.torque, x.friction, x.index = axis.torque, axis.friction, axis.index
             x.angle = x.encoder = x.raw = x.desired = x.zero = axis.start
             x.speed, x.acceleration, x.abort, x.smooth = 1.0, 1.0, 10.0, 1
             x.low, x.high, x.fatal, x.band = -inf, inf, inf, 1e-5
+            x.delay = axis.delay * frequency
+            if not 0 <= x.delay <= kernel.PAST - 2:
+                most = (kernel.PAST - 2) * self.period
+                raise ValueError(f"a delay of {axis.delay} s; possible: 0 to {most:.3g} s")
+        self._shown[:] = np.array([[axis.start] for axis in self.axes])
         # No cycle, but what is not yet compiled is now, and not while a host waits for an answer.
         self._run(np.empty((0, len(self.axes), 3)))
+        self.report()
 
     @property
     def time(self) -> float:
@@ -110,8 +140,7 @@ class Table:
         return Motion(time, out[..., 0], out[..., 1], out[..., 2])
 
     def _run(self, out: Array) -> None:
-        state = self.state.view(np.ndarray)
-        kernel.advance(state, self._past, self.cycle, len(out), self.period, out)
+        kernel.advance(self._plain, self._past, self._shown, self.cycle, len(out), self.period, out)
         self.cycle += len(out)
 
     def enable(self, i: int) -> None:
@@ -151,20 +180,31 @@ class Table:
             raise ValueError(f"no fault {what!r}; possible: {', '.join(FAULTS)}")
         self.state[i][what] = int(on)
 
+    def report(self) -> list[Report]:
+        """Return what can be said of every axis."""
+        kernel.report(self._plain, self._shown, self.cycle, self._said)
+        said: list[Report] = []
+        for axis, (read, rate, error, zero, flags) in zip(
+            self.axes, self._said.tolist(), strict=True
+        ):
+            if axis.reading is not None:
+                read = axis.reading(read)
+            if axis.noise is not None:
+                read += axis.noise(self.cycle)
+            said.append(Report(read - zero, rate, error, int(flags)))
+        return said
+
     def reading(self, i: int) -> float:
-        """Return what the encoder says, rad from the axis' zero."""
-        x, reading = self.state[i], self.axes[i].reading
-        return float((x.encoder if reading is None else reading(float(x.encoder))) - x.zero)
+        """Return what is read of the encoder, rad from the axis' zero."""
+        return self.report()[i].reading
 
     def settled(self, i: int) -> bool:
         """Tell whether the axis is held, at rest, and within the band."""
-        x = self.state[i]
-        return bool(x.closed and not self.moving(i) and abs(x.desired - x.encoder) <= x.band)
+        return bool(self.report()[i].flags & kernel.SETTLED)
 
     def moving(self, i: int) -> bool:
         """Tell whether the commanded rate is other than zero, or about to be."""
-        x = self.state[i]
-        return bool(x.closed and (x.mode != kernel.HOLD or x.raw_rate or x.desired_rate))
+        return bool(self.report()[i].flags & kernel.MOVING)
 
     def _willing(self, i: int) -> Any:
         x = self.state[i]

@@ -3,13 +3,17 @@
 Commands on one line are carried out in their order; the first that is wrong ends the line with
 BELL, ERRnnn and CR, in place of the ACK. Values are reported with CR behind each (I3=2),
 I-variables that are addresses as $hex (I9=2).
+
+A line is taken apart once: hosts ask the same again and again.
 """
 
 import re
 from collections.abc import Callable
+from functools import lru_cache, partial
 from math import inf
 
-from inercal.host.sim.dynamics import Killed, Table
+from inercal.host.sim import _kernel as kernel
+from inercal.host.sim.dynamics import Killed, Report, Table
 
 _VALUE = r"[+-]?(?:\$[0-9A-F]+|\d+\.?\d*|\.\d+)"
 _COMMANDS = re.compile(
@@ -28,6 +32,17 @@ _DEFAULTS = {
     21: 0.0, 22: 300.0, 23: 100.0, 24: float(0x120001), 28: 16 * 5.0, 60: 0.0,
 }  # fmt: skip
 _ADDRESSES = (24,)
+_MOST_LINES = 200  # that are kept as steps
+
+# What one command does: it returns what it says, or raises `_Wrong`.
+_Step = Callable[[], str | None]
+
+
+class _Wrong(Exception):
+    """A command cannot be carried out; the number of its error."""
+
+    def __init__(self, number: int):
+        self.number = number
 
 
 class Interpreter:
@@ -46,32 +61,32 @@ class Interpreter:
         self._table, self._counts = table, counts
         self._variables = {3: 2.0, 6: 1.0, 9: 2.0, 10: float(i10)}
         self._variables |= {20: float(0x78400), 21: 0.0, 22: 0.0, 23: 0.0}
+        self._programs: dict[tuple[bytes, int], tuple[list[tuple[int, _Step]], int]] = {}
+        self._seen: list[Report] | None = None
         for i in range(len(table.axes)):
             self._variables |= {100 * (i + 1) + n: value for n, value in _DEFAULTS.items()}
             self._apply(i)
 
     def line(self, packet: bytes, motor: int) -> tuple[bytes, int]:
         """Return the whole reply to a command line, and the motor that is addressed after it."""
-        text = packet.decode("latin-1").upper().rstrip("\r\0")
-        said: list[str] = []
-        place = 0
-        while place < len(text):
-            if text[place] in "\x01\x0b":
-                self.control(ord(text[place]))
-                place += 1
-                continue
-            match = _COMMANDS.match(text, place)
-            error = _UNKNOWN
-            if match is not None:
-                if match["motor"]:
-                    motor = int(match["motor"])
-                    error = None if motor <= 32 else _UNKNOWN
-                else:
-                    error = self._carry_out(match, motor, said.append)
-            if match is None or error is not None:
-                return (_lines(said) + f"\x07ERR{error:03d}\r").encode(), motor
-            place = match.end()
-        return (_lines(said) + "\x06").encode(), motor
+        if (packet, motor) not in self._programs:
+            if len(self._programs) >= _MOST_LINES:
+                self._programs.clear()
+            self._programs[packet, motor] = self._compiled(packet, motor)
+        program, last = self._programs[packet, motor]
+        said = ""
+        self._seen = None
+        for addressed, step in program:
+            try:
+                text = step()
+            except (_Wrong, Killed) as error:
+                number = error.number if isinstance(error, _Wrong) else _OPEN
+                return f"{said}\x07ERR{number:03d}\r".encode(), addressed
+            if text is None:
+                self._seen = None
+            else:
+                said += text + "\r"
+        return f"{said}\x06".encode(), last
 
     def control(self, character: int) -> None:
         """Carry out ^A (abort all) or ^K (kill all); others do nothing here."""
@@ -83,88 +98,111 @@ class Interpreter:
             elif character == 0x0B:
                 self._table.kill(i)
 
-    def _carry_out(
-        self, match: re.Match[str], motor: int, say: Callable[[str], None]
-    ) -> int | None:
-        """Carry out one command; return the number of its error."""
-        what = match.lastgroup
-        match what:
+    def _compiled(self, packet: bytes, motor: int) -> tuple[list[tuple[int, _Step]], int]:
+        """Return the steps of a line, each with the motor addressed, and that after the last."""
+        text = packet.decode("latin-1").upper().rstrip("\r\0")
+        steps: list[tuple[int, _Step]] = []
+        place = 0
+        while place < len(text):
+            if text[place] in "\x01\x0b":
+                steps.append((motor, partial(self.control, ord(text[place]))))
+                place += 1
+                continue
+            match = _COMMANDS.match(text, place)
+            if match is not None and match["motor"]:
+                motor = int(match["motor"])
+                if motor > 32:
+                    match = None
+            elif match is not None:
+                steps.append((motor, self._step(match, motor)))
+            if match is None:
+                steps.append((motor, partial(_fail, _UNKNOWN)))
+                break
+            place = match.end()
+        return steps, motor
+
+    def _step(self, match: re.Match[str], motor: int) -> _Step:
+        """Return what a command does."""
+        match match.lastgroup:
             case "version":
-                say("1.947")
+                return lambda: "1.947"
             case "type":
-                say("TURBO2, X4")
+                return lambda: "TURBO2, X4"
             case "cid":
-                say("603382")
+                return lambda: "603382"
             case "system":
-                pass
+                return lambda: None
             case "program":
-                return _NO_PROGRAM
+                return partial(_fail, _NO_PROGRAM)
             case "last":
-                for n in range(int(match["first"]), min(int(match["last"]), 8191) + 1):
-                    say(self._report(n))
+                asked = range(int(match["first"]), min(int(match["last"]), 8191) + 1)
+                return lambda: "\r".join(map(self._report, asked)) if asked else None
             case "get":
-                say(self._report(int(match["get"])))
+                return partial(self._report, int(match["get"]))
             case "value" | "copy":
-                to = int(match["set"])
-                value = (
-                    _number(match["value"])
-                    if match["copy"] is None
-                    else self._variables.get(int(match["copy"]), 0.0)
-                )
-                self._variables[to] = value
-                if to >= 100 and to // 100 <= len(self._table.axes):
-                    self._apply(to // 100 - 1)
+                to, copy = int(match["set"]), match["copy"]
+                if copy is None:
+                    value = _number(match["value"])
+                    return lambda: self._set(to, value)
+                return lambda: self._set(to, self._variables.get(int(copy), 0.0))
             case "memory":
-                cycle = self._table.cycle % (1 << 24)
-                word = cycle if _number(match["memory"]) == 0 else 0
-                say(f"{word:X}" if match["hex"] else str(word - (word >> 23 << 24)))
+                return partial(self._memory, _number(match["memory"]) == 0, bool(match["hex"]))
+            case _ if 1 <= motor <= len(self._table.axes):
+                return self._command(match, motor - 1)
             case _:
-                if not 1 <= motor <= len(self._table.axes):
-                    return self._absent(match, say)
-                return self._command(match, motor - 1, say)
-        return None
+                return _of_none(match["act"])
 
-    def _absent(self, match: re.Match[str], say: Callable[[str], None]) -> int | None:
-        """Report zeros for a motor that is not there, and refuse to move it."""
-        if match["act"] in ("P", "V", "F"):
-            say("0")
-        elif match["act"] == "?":
-            say("0" * 12)
-        else:
-            return _NO_MOTOR
-        return None
+    def _set(self, to: int, value: float) -> None:
+        self._variables[to] = value
+        if to >= 100 and to // 100 <= len(self._table.axes):
+            self._apply(to // 100 - 1)
 
-    def _command(self, match: re.Match[str], i: int, say: Callable[[str], None]) -> int | None:
-        table, x = self._table, self._table.state[i]
-        try:
-            match match["act"] or match["jog"] or match.lastgroup:
-                case "jog_to":
-                    table.go(i, _number(match["jog_to"]) / self._counts)
-                case "jog_by":
-                    table.go(i, table.reading(i) + _number(match["jog_by"]) / self._counts)
-                case "+" | "-" as sign:
-                    table.run(i, 1.0 if sign == "+" else -1.0)
-                case "/":
-                    table.enable(i)
-                    table.halt(i)
-                case "HM":
-                    x.speed = abs(self._rad_s(i, 23))
-                    table.search(i, 1.0 if self._variables[100 * i + 123] >= 0 else -1.0)
-                case "K":
-                    table.kill(i)
-                case "A":
-                    self.control(0x01)
-                case "P":
-                    say(_fraction(table.reading(i) * self._counts))
-                case "V":
-                    say(_decimal(float(x.encoder_rate) * self._counts * table.period, 1))
-                case "F":
-                    say(_fraction(float(x.desired - x.encoder) * self._counts))
-                case _:
-                    say(self._status(i))
-        except Killed:
-            return _OPEN
-        return None
+    def _memory(self, clock: bool, in_hex: bool) -> str:
+        """Report a word of the memory, in which there is nothing but the servo clock."""
+        word = self._table.cycle % (1 << 24) if clock else 0
+        return f"{word:X}" if in_hex else str(word - (word >> 23 << 24))
+
+    def _command(self, match: re.Match[str], i: int) -> _Step:
+        table, counts, seen = self._table, self._counts, self._see
+        match match["act"] or match["jog"] or match.lastgroup:
+            case "jog_to":
+                goal = _number(match["jog_to"]) / counts
+                return lambda: table.go(i, goal)
+            case "jog_by":
+                way = _number(match["jog_by"]) / counts
+                return lambda: table.go(i, table.reading(i) + way)
+            case "+" | "-" as sign:
+                return partial(table.run, i, 1.0 if sign == "+" else -1.0)
+            case "/":
+                return partial(self._hold, i)
+            case "HM":
+                return partial(self._home, i)
+            case "K":
+                return partial(table.kill, i)
+            case "A":
+                return partial(self.control, 0x01)
+            case "P":
+                return lambda: _fraction(seen()[i].reading * counts)
+            case "V":
+                return lambda: _decimal(seen()[i].rate * counts * table.period, 1)
+            case "F":
+                return lambda: _fraction(seen()[i].following_error * counts)
+            case _:
+                return lambda: _status(seen()[i].flags, self._variables[100 * (i + 1)] != 0)
+
+    def _see(self) -> list[Report]:
+        """Return what can be said of the axes, looked up anew after each command that may act."""
+        if self._seen is None:
+            self._seen = self._table.report()
+        return self._seen
+
+    def _hold(self, i: int) -> None:
+        self._table.enable(i)
+        self._table.halt(i)
+
+    def _home(self, i: int) -> None:
+        self._table.state[i].speed = abs(self._rad_s(i, 23))
+        self._table.search(i, 1.0 if self._variables[100 * i + 123] >= 0 else -1.0)
 
     def _apply(self, i: int) -> None:
         """Set the axis as the I-variables of its motor say."""
@@ -197,37 +235,48 @@ class Interpreter:
             return f"${int(value):X}"
         return f"{value:.12g}"
 
-    def _status(self, i: int) -> str:
-        table, x = self._table, self._table.state[i]
-        closed, moving = bool(x.closed), table.moving(i)
-        first = sum(
-            bool(on) << bit
-            for bit, on in (
-                (23, self._variables[100 * (i + 1)]),
-                (19, closed),
-                (18, not closed),
-                (17, moving),
-                (13, closed and not moving),
-                (12, x.aborting),
-                (10, x.mode == 3),
-            )
-        )
-        second = sum(
-            bool(on) << bit
-            for bit, on in (
-                (15, True),
-                (11, x.limited),
-                (10, x.homed),
-                (3, x.amplifier),
-                (2, x.tripped),
-                (0, table.settled(i)),
-            )
-        )
-        return f"{first:06X}{second:06X}"
+
+def _fail(number: int) -> None:
+    raise _Wrong(number)
 
 
-def _lines(said: list[str]) -> str:
-    return "".join(text + "\r" for text in said)
+def _of_none(act: str | None) -> _Step:
+    """Return what a command does to a motor that is not there: zeros, or a refusal to move."""
+    if act in ("P", "V", "F"):
+        return lambda: "0"
+    if act == "?":
+        return lambda: "0" * 12
+    return partial(_fail, _NO_MOTOR)
+
+
+@lru_cache(1024)
+def _status(flags: int, activated: bool) -> str:
+    """Return the two words of `?`."""
+    closed, moving = bool(flags & kernel.CLOSED), bool(flags & kernel.MOVING)
+    first = sum(
+        bool(on) << bit
+        for bit, on in (
+            (23, activated),
+            (19, closed),
+            (18, not closed),
+            (17, moving),
+            (13, closed and not moving),
+            (12, flags & kernel.ABORTING),
+            (10, flags & kernel.SEARCHING),
+        )
+    )
+    second = sum(
+        bool(on) << bit
+        for bit, on in (
+            (15, True),
+            (11, flags & kernel.LIMITED),
+            (10, flags & kernel.HOMED),
+            (3, flags & kernel.AMPLIFIER),
+            (2, flags & kernel.TRIPPED),
+            (0, flags & kernel.SETTLED),
+        )
+    )
+    return f"{first:06X}{second:06X}"
 
 
 def _number(text: str) -> float:
