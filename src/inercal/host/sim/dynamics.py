@@ -7,7 +7,7 @@ The equations are in `_kernel`.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import inf, pi
+from math import floor, inf, pi
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -132,10 +132,11 @@ class Table:
     def advance(self, until: float) -> Motion:
         """Run the servo cycles that end by bench time `until`, s; return the motion in them."""
         # A time that was computed as a multiple of the period belongs to its cycle.
-        last = int(np.floor(until / self.period + 1e-6))
+        last = floor(until / self.period + 1e-6)
         count = max(last - self.cycle, 0)
         out = np.empty((count, len(self.axes), 3))
-        self._run(out)
+        if count:
+            self._run(out)
         time = self.period * np.arange(self.cycle - count + 1, self.cycle + 1, dtype=np.float64)
         return Motion(time, out[..., 0], out[..., 1], out[..., 2])
 

@@ -9,6 +9,7 @@ import selectors
 import socket
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from threading import RLock, Thread
 from time import monotonic
 from typing import Any, Generic, Protocol, Self, TypeVar
@@ -96,7 +97,8 @@ class Server(Generic[D]):
         self._late: list[tuple[float, _Line, bytes]] = []
         self._selector = selectors.DefaultSelector()
         self._poke, self._poked = socket.socketpair()
-        self._selector.register(self._poked, selectors.EVENT_READ)
+        self._lines: set[_Line] = set()
+        self.attend(self._poked, lambda: self._poked.recv(_READ))
         self._listener: socket.socket | None = None
         if terminal:
             line, path = _open_terminal()
@@ -104,7 +106,7 @@ class Server(Generic[D]):
             self._add(line)
         else:
             self._listener = socket.create_server((host, port))
-            self._selector.register(self._listener, selectors.EVENT_READ)
+            self.attend(self._listener, self._accept)
             self.port: int = self._listener.getsockname()[1]
             self.address = f"tcp://{host}:{self.port}"
 
@@ -113,21 +115,23 @@ class Server(Generic[D]):
         try:
             while not self._stopped:
                 for key, _ in self._selector.select(_TICK):
-                    if key.fileobj is self._poked:
-                        self._poked.recv(_READ)
-                    elif key.fileobj is self._listener:
-                        self._accept()
-                    else:
-                        self._serve(key.data)
+                    key.data()
                 self._pass()
         finally:
-            for key in list(self._selector.get_map().values()):
-                if isinstance(key.data, _Line):
-                    key.data.close()
+            for line in self._lines:
+                line.close()
             for end in (self._listener, self._poke, self._poked):
                 if end is not None:
                     end.close()
             self._selector.close()
+
+    def attend(self, end: socket.socket | int, ready: Callable[[], object]) -> None:
+        """Let `run` call `ready` whenever there is something to read at `end`."""
+        self._selector.register(end, selectors.EVENT_READ, ready)
+
+    def forget(self, end: socket.socket | int) -> None:
+        """Attend to `end` no longer."""
+        self._selector.unregister(end)
 
     def stop(self) -> None:
         """End `run`."""
@@ -148,14 +152,15 @@ class Server(Generic[D]):
     def drop(self) -> None:
         """End all connections as an unplugged cable does."""
         with self.lock:
-            for key in list(self._selector.get_map().values()):
-                if isinstance(key.data, _Line):
-                    self._remove(key.data)
+            for line in list(self._lines):
+                self._remove(line)
 
     def _pass(self) -> None:
         """Let time pass to now, and send the late replies that are due."""
         with self.lock:
             self.device.advance(self.pace())
+            if not self._late:
+                return
             due = [late for late in self._late if late[0] <= self.device.time]
             self._late = [late for late in self._late if late[0] > self.device.time]
             for _, line, reply in due:
@@ -171,11 +176,13 @@ class Server(Generic[D]):
 
     def _add(self, line: "_Line") -> None:
         line.session = self.device.session()
-        self._selector.register(line.end, selectors.EVENT_READ, line)
+        self._lines.add(line)
+        self.attend(line.end, partial(self._serve, line))
 
     def _remove(self, line: "_Line") -> None:
         if not line.closed:
-            self._selector.unregister(line.end)
+            self.forget(line.end)
+            self._lines.discard(line)
             line.close()
 
     def _serve(self, line: "_Line") -> None:

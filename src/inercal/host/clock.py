@@ -1,0 +1,188 @@
+"""Time of a run: the wall's, or that of a simulated bench, which goes on when it is let.
+
+`begin(until)` lets the bench go on and returns at once, `end()` comes back when that time has come:
+in between the host works through what it has. A simulated bench grants no more than it is asked
+for, so that how fast host and bench are changes no number.
+
+A simulated bench tells how many bytes its IMU has sent up to when, so that the host takes exactly
+these; of a real one nobody knows.
+
+**Protocol** of a simulated bench's clock, lines over TCP: `until 12.5` and `now` are answered
+`TIME SENT SENT_BY`, s, bytes, s. The IMU makes the readings of the last grant while the host asks
+the table: `SENT` counts to the grant before, and to the last one where the time asked for has come
+already. Before the first `until` the bench stands still at 0. Where none comes for a second, or the
+connection ends, it goes on by itself as the wall's clock does, until the next.
+"""
+
+import socket
+from time import monotonic, sleep, time
+from typing import NamedTuple, Protocol
+from urllib.parse import urlsplit
+
+from inercal.errors import InputError
+from inercal.host.link import LinkLost
+
+_ANSWER = 20.0  # s; of a bench whose machine is busy
+_LATE = 0.1  # s of the wall that a paced bench makes up for
+
+
+class Tick(NamedTuple):
+    """What time it is, s of the run, and what the IMU has sent by when."""
+
+    time: float
+    sent: int | None  # bytes in all; None where nobody knows
+    sent_by: float
+
+
+class Clock(Protocol):
+    """What time it is on the bench, s of the run."""
+
+    def now(self) -> float:
+        """Return the time; another thread may ask too."""
+        ...
+
+    def begin(self, until: float) -> None:
+        """Let the bench go on to `until`; return at once."""
+        ...
+
+    def end(self) -> Tick:
+        """Return when the time has come that `begin` named; raises `LinkLost` as it may."""
+        ...
+
+    def close(self) -> None:
+        """Let go of the bench."""
+        ...
+
+
+class WallClock:
+    """The wall's clock: UTC says where a run is when it is opened, and an even clock from there on.
+
+    Parameters
+    ----------
+    begun : float
+        When the run began, s since 1970.
+    """
+
+    def __init__(self, begun: float):
+        self._offset = time() - begun - monotonic()
+        self._until = self.now()
+
+    def now(self) -> float:
+        """As `Clock.now`."""
+        return monotonic() + self._offset
+
+    def begin(self, until: float) -> None:
+        """As `Clock.begin`."""
+        self._until = until
+
+    def end(self) -> Tick:
+        """As `Clock.end`."""
+        while (left := self._until - self.now()) > 0:
+            sleep(left)
+        now = self.now()
+        return Tick(now, None, now)
+
+    def close(self) -> None:
+        """As `Clock.close`."""
+
+
+class SimulatedClock:
+    """The clock of a simulated bench; `now` is what it last said.
+
+    Parameters
+    ----------
+    address : str
+        `clock://HOST:PORT`.
+    speed : float, optional
+        Most seconds of the bench in one of the wall's; None: as fast as it goes.
+
+    Raises
+    ------
+    InputError
+        An address of another form, or a speed that is not > 0.
+    LinkLost
+        No bench is there.
+    """
+
+    def __init__(self, address: str, speed: float | None = None):
+        if speed is not None and not speed > 0:
+            raise InputError(f"speed {speed}; give it > 0")
+        self._address, self._speed = address, speed
+        host, port = _place(address)
+        try:
+            self._socket = socket.create_connection((host, port), _ANSWER)
+        except OSError as error:
+            raise LinkLost(f"{address}: cannot connect: {error.strerror or error}") from error
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._came = b""
+        self._due = monotonic()
+        self._asked = False
+        self._time = 0.0
+        self._send(b"now\n")
+        self._time = self._answer().time
+
+    def now(self) -> float:
+        """As `Clock.now`."""
+        return self._time
+
+    def begin(self, until: float) -> None:
+        """As `Clock.begin`."""
+        if self._asked:
+            raise RuntimeError("begin() a second time without end()")
+        if self._speed is not None:
+            # A pause is not made up for in haste, a late wake-up is.
+            start = max(self._due, monotonic() - _LATE)
+            self._due = start + max(until - self._time, 0.0) / self._speed
+        self._send(f"until {float(until)!r}\n".encode())
+        self._asked = True
+
+    def end(self) -> Tick:
+        """As `Clock.end`."""
+        if not self._asked:
+            raise RuntimeError("end() without begin()")
+        self._asked = False
+        tick = self._answer()
+        if self._speed is not None and (left := self._due - monotonic()) > 0:
+            sleep(left)
+        self._time = tick.time
+        return tick
+
+    def close(self) -> None:
+        """As `Clock.close`; the bench goes on at the wall's pace."""
+        self._socket.close()
+
+    def _send(self, line: bytes) -> None:
+        try:
+            self._socket.sendall(line)
+        except OSError as error:
+            raise LinkLost(f"{self._address}: lost: {error.strerror or error}") from error
+
+    def _answer(self) -> Tick:
+        while b"\n" not in self._came:
+            try:
+                data = self._socket.recv(4096)
+            except TimeoutError as error:
+                raise LinkLost(f"{self._address}: no answer within {_ANSWER:g} s") from error
+            except OSError as error:
+                raise LinkLost(f"{self._address}: lost: {error.strerror or error}") from error
+            if not data:
+                raise LinkLost(f"{self._address}: closed by the other end")
+            self._came += data
+        line, _, self._came = self._came.partition(b"\n")
+        try:
+            now, sent, sent_by = line.split()
+            return Tick(float(now), int(sent), float(sent_by))
+        except ValueError as error:
+            raise LinkLost(f"{self._address}: {line[:40]!r} is no time of a bench") from error
+
+
+def _place(address: str) -> tuple[str, int]:
+    """Return host and port of an address."""
+    parts = urlsplit(address)
+    try:
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        host, port = None, None
+    if parts.scheme != "clock" or not host or not port:
+        raise InputError(f"{address!r} is no clock; possible: clock://127.0.0.1:4000")
+    return host, port

@@ -1,0 +1,169 @@
+"""What the IMU on a simulated turntable reads; the equations are in `_felt`."""
+
+from math import inf
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches.turntable_attitude import attitude
+from inercal.earth import earth_rate_up_north
+from inercal.errors import InputError
+from inercal.host.sim import _felt as kernel
+from inercal.host.sim.drawn import Drawn
+from inercal.host.sim.motion_link import Part
+from inercal.runfile import Run
+from inercal.sensors import Sensor
+from inercal.sensors.terms import COMPONENTS
+
+Array = NDArray[np.float64]
+_SAME = 1e-9  # s: times that were computed otherwise
+
+
+class Surroundings:
+    """What is felt on a bench at angles, rates and accelerations of its axes."""
+
+    def __init__(self, drawn: Drawn):
+        bench, q = drawn.bench, drawn.values
+        k = len(bench.axes)
+        up, north = earth_rate_up_north(bench.latitude)
+        letters = np.array(["xyz".index(a) for a in bench.axes])
+        squares = np.array([q[f"square_{i + 1}"] for i in range(k - 1)], dtype=np.float64)
+        # With right angles at zero angles, what is left of the attitude is the base.
+        level = {name: np.asarray(q[name]) for name in ("lean_x", "lean_y", "azimuth")}
+        level |= {f"square_{i + 1}": np.zeros(()) for i in range(k - 1)}
+        self._arguments = (
+            letters,
+            3 - letters[:-1] - letters[1:],
+            squares,
+            np.ascontiguousarray(attitude(bench, np.zeros((1, k)), level)[0]),
+            np.array([0.0, north, up]),
+            q["g"],
+            np.array([q[f"lever_{a}"] for a in "xyz"]),
+        )
+
+    def __call__(self, moved: Array) -> Array:
+        """Return f, ω and its derivative (n, 9) at (n, k, 3) rad, rad/s, rad/s²."""
+        out = np.empty((len(moved), 9))
+        kernel.felt(moved, *self._arguments, out)
+        return out
+
+
+class Reading:
+    """What a sensor reads of what it feels, noise-free, SI.
+
+    Raises
+    ------
+    InputError
+        A sensor of the tilted form, whose input axes are turned themselves.
+    """
+
+    def __init__(self, sensor: Sensor, c: Array):
+        if sensor.form != "reference":
+            raise InputError(f"sensor {sensor.name}: the simulated IMU is of the reference form")
+        terms: list[tuple[int, float, list[int]]] = []
+        for name, value in zip(sensor.coefficients, c.tolist(), strict=True):
+            for product in sensor.coefficient(name).basis.products:
+                parts = [COMPONENTS.index(part) for part in product.components]
+                parts += [-1] * (kernel.MOST - len(parts))
+                axis = sensor.channels.index(name.partition(".")[0])
+                terms.append((axis, value * product.factor, parts))
+        terms.sort(key=lambda term: term[0])
+        self._arguments = (
+            np.array([axis.frame for axis in sensor.axes]),
+            np.array([COMPONENTS.index(axis.measures + "i") for axis in sensor.axes]),
+            np.array([term[0] for term in terms], dtype=np.int64),
+            np.array([term[1] for term in terms], dtype=np.float64),
+            np.array([term[2] for term in terms], dtype=np.int64).reshape(-1, kernel.MOST),
+        )
+        self._channels = len(sensor.axes)
+
+    def __call__(self, motion: Array, warmer: float = 0.0) -> Array:
+        """Return readings (n, m) of f, ω and its derivative (n, 9), K `warmer` than the model."""
+        out = np.empty((len(motion), self._channels))
+        kernel.read(motion, warmer, *self._arguments, out)
+        return out
+
+
+class Imu:
+    """The IMU: readings one after another, as the bench's motion becomes known.
+
+    Parameters
+    ----------
+    run : Run
+    drawn : Drawn
+    rate_hz : float
+        Of the readings.
+    seconds : float
+        How long noise is drawn for at a time.
+
+    Raises
+    ------
+    InputError
+        A sensor that is no IMU of three accelerometers and three gyros.
+    """
+
+    def __init__(self, run: Run, drawn: Drawn, rate_hz: float, seconds: float):
+        sensor = run.sensor.with_coefficients(*run.truth)
+        kinds = [axis.measures for axis in sensor.axes]
+        if sorted(kinds) != ["f"] * 3 + ["w"] * 3:
+            raise InputError(f"{run.path}: [sensor]: the simulated IMU has three axes of each kind")
+        c = np.array([run.truth[name] for name in sensor.coefficients])
+        self._order = [k for kind in "fw" for k in range(6) if kinds[k] == kind]
+        self._sensor, self._drawn, self._rate = sensor, drawn, rate_hz
+        self._felt, self._reads = Surroundings(drawn), Reading(sensor, c)
+        reach = [
+            inf
+            if axis.readout.full_scale is None
+            else axis.readout.full_scale / abs(axis.readout.scale)
+            for axis in sensor.axes
+        ]
+        self._limits = (
+            np.array([axis.noise.quantisation for axis in sensor.axes]),
+            -np.array(reach),
+            np.array(reach),
+        )
+        self._slower = 1.0 - drawn.values["clock"]
+        # Not that of the bench, which is drawn from the seed alone.
+        self._rng = np.random.default_rng([drawn.seed, 1])
+        self._block = max(round(seconds * rate_hz), 1)
+        self._noise = self._drawn_noise()
+        self._noise_from = 0
+        self._axes = len(drawn.bench.axes)
+        self._ring = np.zeros((kernel.KEPT, self._axes, 2))
+        self.next = 0
+        # No reading, but what is not yet compiled is now, and not while a table waits.
+        self.until(Part(0.0, 1e-3, 0, np.zeros((1, self._axes, 3))))
+
+    def until(self, part: Part) -> Array:
+        """Return the readings (n, 6) that are sent by the end of a part of the motion."""
+        until, period, first, moved = part
+        if first == 0:
+            # Before time began the table stood.
+            self._ring[:] = moved[0, :, :2]
+        kernel.keep(self._ring, first, moved)
+        last = int((until * self._slower + _SAME) * self._rate)
+        numbers = np.arange(self.next, max(last, self.next))
+        self.next += len(numbers)
+        times = (numbers + 1) / (self._rate * self._slower) - self._drawn.late(period)[0]
+        between = np.empty((len(numbers), self._axes, 3))
+        kernel.between(self._ring, period, np.maximum(times, 0.0), between)
+        reading = self._reads(self._felt(between))
+        kernel.spoil(reading, self._noise_of(numbers), *self._limits)
+        return reading[:, self._order]
+
+    def _noise_of(self, numbers: NDArray[np.int64]) -> Array:
+        """Return the noise of the next readings, drawing on where there is no more."""
+        if not numbers.size:
+            return self._noise[:0]
+        while numbers[-1] >= self._noise_from + len(self._noise):
+            kept = self._noise[numbers[0] - self._noise_from :]
+            self._noise_from += len(self._noise) - len(kept)
+            self._noise = np.concatenate([kept, self._drawn_noise()])
+        start = int(numbers[0]) - self._noise_from
+        return self._noise[start : start + len(numbers)]
+
+    def _drawn_noise(self) -> Array:
+        drawn = [
+            axis.noise.draw(self._rng, (self._block,), self._rate) for axis in self._sensor.axes
+        ]
+        return np.stack(drawn, axis=-1)

@@ -1,0 +1,214 @@
+"""A simulated IMU in a turntable: it feels the true motion, and sends packets at its rate.
+
+Its readings are those of the run file's sensor with the coefficients of its truth, and noise that
+was drawn beforehand. Reading k, from 0, is sent at the time (k + 1)/rate of the IMU's own clock,
+and is of `Drawn.late` before. Whatever the pace, the bytes are the same.
+
+Standard input tells faults, a line each, answered by `ok` or by what is wrong:
+
+    fault loss 0.01      that share of packets is not sent
+    fault errors 1e-5    each byte is changed with that probability
+    fault silent on      nothing is sent until `fault silent off`; readings go on being counted
+    fault unplug         the port goes away, until `fault replug`
+    die                  the process ends at once, as if killed
+
+Run as `python -m inercal.host.sim.mimu RUNFILE --seed 1 --preset fixed --terminal`.
+"""
+
+import os
+import socket
+import sys
+from argparse import ArgumentParser
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from threading import Lock, Thread
+from typing import TextIO
+
+import numpy as np
+
+from inercal.benches.turntable_run import seconds_on_turntable
+from inercal.errors import InputError
+from inercal.host.packets import Layout, read_layout
+from inercal.host.sim import motion_link
+from inercal.host.sim._packed import Packer
+from inercal.host.sim.drawn import draw
+from inercal.host.sim.felt import Imu
+from inercal.host.sim.port import Port, Socket, Terminal
+from inercal.plan import Position, Rotation
+from inercal.runfile import Run, read
+
+POSSIBLE = "fault loss P, fault errors P, fault silent on|off, fault unplug, fault replug, die"
+_SPARE = 300.0  # s of noise beyond one and a half plans
+
+
+class Sender:
+    """Packs readings, spoils them as it was told, and sends them through a port.
+
+    Parameters
+    ----------
+    packer : Packer
+    plug : callable
+        Opens the port.
+    seed : int
+        Of the faults.
+    """
+
+    def __init__(self, packer: Packer, plug: Callable[[], Port], seed: int):
+        self.sent = 0
+        self.lock = Lock()
+        self._packer, self._plug = packer, plug
+        self._port: Port | None = plug()
+        self.address = self._port.address
+        self._loss = self._errors = 0.0
+        self._silent = False
+        self._rng = np.random.default_rng([seed, 2])
+
+    def send(self, first: int, readings: np.ndarray) -> None:
+        """Send readings (n, 6) number `first` and the following."""
+        if not len(readings):
+            return
+        packets = self._packer(first, readings)
+        with self.lock:
+            if self._loss:
+                lost = (self._rng.random(len(packets)) < self._loss).tolist()
+                packets = [p for p, gone in zip(packets, lost, strict=True) if not gone]
+            data = b"".join(packets)
+            if self._errors:
+                data = self._changed(data)
+            if self._port is not None and not self._silent and data:
+                self.sent += self._port.write(data)
+
+    def tell(self, words: str) -> None:
+        """Set a fault told in words; raises `ValueError` that says what is possible."""
+        with self.lock:
+            match words.split():
+                case ["die"]:
+                    os._exit(9)
+                case ["fault", "loss" | "errors" as what, share] if _is_share(share):
+                    setattr(self, f"_{what}", float(share))
+                case ["fault", "silent", "on" | "off" as state]:
+                    self._silent = state == "on"
+                case ["fault", "unplug"]:
+                    self.close()
+                case ["fault", "replug"]:
+                    self._port = self._port or self._plug()
+                case _:
+                    raise ValueError(f"no fault {words!r}; possible: {POSSIBLE}")
+
+    def close(self) -> None:
+        """Unplug the port."""
+        if self._port is not None:
+            self._port.close()
+            self._port = None
+
+    def _changed(self, data: bytes) -> bytes:
+        """Return the bytes with some of them changed to others."""
+        bad = np.frombuffer(data, np.uint8).copy()
+        places = np.flatnonzero(self._rng.random(bad.size) < self._errors)
+        bad[places] ^= self._rng.integers(1, 256, places.size, dtype=np.uint8)
+        return bad.tobytes()
+
+
+def feel(end: socket.socket, imu: Imu, sender: Sender) -> None:
+    """Answer each part of the motion once the readings due by then are sent."""
+    while (part := motion_link.receive(end)) is not None:
+        first = imu.next
+        sender.send(first, imu.until(part))
+        motion_link.answer(end, sender.sent)
+
+
+def rate_of(run: Run, layout: Layout, rate_hz: float | None) -> float:
+    """Return the rate of the packets: as told, the layout's own, or that of the run's data.
+
+    Raises
+    ------
+    InputError
+        Another than the layout's own, or none at all.
+    """
+    rate = rate_hz or layout.rate_hz or run.rate_hz
+    if rate is None:
+        raise InputError(f"{run.path}: [data] rate is missing, and {layout.name!r} states none")
+    if not (0 < rate < 1e5 and rate == (layout.rate_hz or rate)):
+        raise InputError(
+            f"rate {rate:g} Hz; packets of {layout.name!r} come at {layout.rate_hz} Hz"
+        )
+    return rate
+
+
+def main() -> None:
+    """Feel and send until standard input ends."""
+    parser = ArgumentParser(prog="python -m inercal.host.sim.mimu", description=__doc__)
+    parser.add_argument("run", metavar="RUNFILE")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument(
+        "--preset", default="fixed", help="of packets, or a file that describes them"
+    )
+    parser.add_argument("--rate", type=float, help="packets a second, Hz")
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument("--terminal", action="store_true", help="a pseudo-terminal, no TCP")
+    where.add_argument("--port", type=int, default=0, help="of TCP; 0: any free one")
+    options = parser.parse_args()
+    try:
+        run = read(options.run)
+        layout = read_layout(options.preset)
+        drawn = draw(run, options.seed)
+        rate = rate_of(run, layout, options.rate)
+        steps = [step for step in run.steps if isinstance(step, Position | Rotation)]
+        seconds = 1.5 * seconds_on_turntable(drawn.bench, steps) + _SPARE
+        imu, packer = Imu(run, drawn, rate, seconds), Packer(layout, rate)
+    except InputError as error:
+        print(f"no: {error}", flush=True)
+        sys.exit(2)
+    with (
+        TemporaryDirectory(prefix="inercal-") as folder,
+        socket.create_server(("127.0.0.1", 0)) as listener,
+    ):
+        path = Path(folder) / "imu"
+        port = options.port
+
+        def plug() -> Port:
+            nonlocal port
+            if options.terminal:
+                return Terminal(path)
+            # Plugged anew it is at the same place.
+            opened = Socket(port)
+            port = opened.port
+            return opened
+
+        sender = Sender(packer, plug, options.seed)
+
+        def serve() -> None:
+            while True:
+                end, _ = listener.accept()
+                end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                with end:
+                    feel(end, imu, sender)
+
+        Thread(target=serve, daemon=True).start()
+        motion = f"tcp://127.0.0.1:{listener.getsockname()[1]}"
+        print(f"at {sender.address} motion {motion}", flush=True)
+        obey(sender, sys.stdin, sys.stdout)
+        with sender.lock:
+            sender.close()
+
+
+def obey(sender: Sender, told: TextIO, answers: TextIO) -> None:
+    """Do what each line of `told` says, until there is no more."""
+    for line in told:
+        try:
+            sender.tell(line.strip())
+            print("ok", file=answers, flush=True)
+        except ValueError as error:
+            print(f"no: {error}", file=answers, flush=True)
+
+
+def _is_share(text: str) -> bool:
+    try:
+        return 0 <= float(text) <= 1
+    except ValueError:
+        return False
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,74 @@
+"""The true motion on its way from the table's process to the IMU's, and what comes back.
+
+A part holds servo cycles and up to when the bench has gone on; it is answered by how many bytes the
+IMU has sent in all, once the readings due by then are sent.
+"""
+
+import socket
+from struct import Struct
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_HEAD = Struct("<ddqqq")  # until, period, first cycle, cycles, axes
+_SENT = Struct("<q")
+
+
+class Part(NamedTuple):
+    """Motion of some servo cycles: `moved` (n, axes, 3) rad, rad/s, rad/s² at their ends."""
+
+    until: float
+    period: float
+    first: int
+    moved: Array
+
+
+def send(end: socket.socket, part: Part) -> None:
+    """Send a part; raises `OSError` where nobody takes it."""
+    count, axes, _ = part.moved.shape
+    head = _HEAD.pack(part.until, part.period, part.first, count, axes)
+    end.sendall(head + part.moved.tobytes())
+
+
+def receive(end: socket.socket) -> Part | None:
+    """Wait for a part; None at the end."""
+    head = _exactly(end, _HEAD.size)
+    if head is None:
+        return None
+    until, period, first, count, axes = _HEAD.unpack(head)
+    moved = np.empty((count, axes, 3))
+    if count and not _fill(end, moved.data.cast("B")):
+        return None
+    return Part(until, period, first, moved)
+
+
+def answer(end: socket.socket, sent: int) -> None:
+    """Say how many bytes the IMU has sent."""
+    end.sendall(_SENT.pack(sent))
+
+
+def answered(end: socket.socket) -> int:
+    """Wait for the bytes that the IMU has sent; raises `OSError` where it is gone."""
+    data = _exactly(end, _SENT.size)
+    if data is None:
+        raise ConnectionResetError("the IMU is gone")
+    return int(_SENT.unpack(data)[0])
+
+
+def _exactly(end: socket.socket, size: int) -> bytes | None:
+    data = bytearray(size)
+    return bytes(data) if _fill(end, memoryview(data)) else None
+
+
+def _fill(end: socket.socket, into: memoryview) -> bool:
+    """Receive until all is full; False at the end of the stream."""
+    done = 0
+    while done < len(into):
+        size = end.recv_into(into[done:])
+        if not size:
+            return False
+        done += size
+    return True

@@ -1,0 +1,138 @@
+"""A simulated bench for a host: table and IMU as processes of their own, at real connections."""
+
+import subprocess
+import sys
+from contextlib import suppress
+from pathlib import Path
+from typing import Literal, Self
+
+from inercal.errors import InputError
+from inercal.host.sim.bench import COUNTS
+from inercal.host.sim.drawn import draw
+from inercal.runfile import read
+
+_ENDING = 10.0  # s of the wall in which a process ends by itself
+
+
+class SimulatedBench:
+    """The bench of a run file, simulated; as a context manager it ends with the context.
+
+    Its processes end when their starter does, which may be another than the host.
+
+    Parameters
+    ----------
+    run : path
+        The run file: bench, sensor, truth.
+    seed : int
+        Of all that is drawn.
+    preset : str
+        Of the IMU's packets.
+    rate_hz : float, optional
+        Of the packets; the preset's own or that of the run's data unless told.
+    pace : float or "granted"
+        Bench seconds in one of the wall's; or as the host grants them through the clock.
+    terminal : bool
+        The IMU is at a pseudo-terminal; else at TCP.
+
+    Attributes
+    ----------
+    table, imu : str
+        Addresses that a host opens.
+    clock : str or None
+        None where time passes by itself.
+
+    Raises
+    ------
+    InputError
+        A bench that cannot be simulated, as the process says.
+    """
+
+    def __init__(
+        self,
+        run: str | Path,
+        seed: int = 0,
+        preset: str = "fixed",
+        rate_hz: float | None = None,
+        pace: float | Literal["granted"] = "granted",
+        terminal: bool = True,
+    ):
+        self._drawn = draw(read(run), seed)
+        self._processes: dict[str, subprocess.Popen[str]] = {}
+        common = [str(run), "--seed", str(seed)]
+        try:
+            rate = [] if rate_hz is None else ["--rate", repr(float(rate_hz))]
+            place = ["--terminal"] if terminal else ["--port", "0"]
+            imu, _, motion = self._start("imu", "mimu", *common, "--preset", preset, *rate, *place)
+            told = ["--pace", str(pace), "--motion", motion]
+            table, *clock = self._start("table", "bench", *common, *told)
+        except BaseException:
+            self.close()
+            raise
+        motors = ",".join(f"{i + 1}" for i in range(len(self._drawn.bench.axes)))
+        self.table = f"{table.replace('tcp', 'pmac', 1)}?motors={motors}&counts={COUNTS}"
+        self.imu = f"{imu}?preset={preset}"
+        self.clock = clock[0] if clock else None
+
+    def tell(self, which: Literal["table", "imu"], words: str) -> None:
+        """Tell a process a fault; see `sim.process.obey` and `sim.mimu`.
+
+        Raises
+        ------
+        InputError
+            What the process says against it, or that it has ended.
+        """
+        process = self._processes[which]
+        assert process.stdin
+        assert process.stdout
+        try:
+            process.stdin.write(f"{words}\n")
+            process.stdin.flush()
+            said = process.stdout.readline().strip()
+        except OSError:
+            said = ""
+        if not said and words != "die":
+            raise InputError(f"the simulated {which} has ended")
+        if said.startswith("no: "):
+            raise InputError(said.removeprefix("no: "))
+
+    def truth(self) -> dict[str, float]:
+        """Return all of the bench's parameters as they were drawn, by name, SI."""
+        return dict(self._drawn.values)
+
+    def close(self) -> None:
+        """End the processes."""
+        for process in self._processes.values():
+            for end in (process.stdin, process.stdout):
+                if end is not None:
+                    # What was not yet told need not be.
+                    with suppress(OSError):
+                        end.close()
+            try:
+                process.wait(_ENDING)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+        self._processes.clear()
+
+    def _start(self, which: str, module: str, *options: str) -> list[str]:
+        """Start a process; return the words behind `at` in its first line."""
+        process = subprocess.Popen(
+            [sys.executable, "-m", f"inercal.host.sim.{module}", *options],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            # An interrupt at the terminal is the host's: the bench goes on, and is brought to rest.
+            start_new_session=True,
+        )
+        self._processes[which] = process
+        assert process.stdout
+        said = process.stdout.readline().strip()
+        if not said.startswith("at "):
+            raise InputError(said.removeprefix("no: ") or f"the simulated {which} does not start")
+        return said.split()[1:]
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
