@@ -6,24 +6,23 @@ Lines of text are left to `encode`.
 # Numba's decorator has no types.
 # pyright: reportUntypedFunctionDecorator=false
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from inercal.host.packets import Layout, encode
-from inercal.host.packets.picture import AXES, Frame
+from inercal.host.packets.picture import AXES, ROLES, Frame
 
 Array = NDArray[np.float64]
 
 _TEMPERATURE = 293.15  # K, in which the IMU stands
+_TEMPERATURE_AT, _COUNTER_AT, _TIME_AT, _STATUS_AT = range(len(AXES), len(ROLES))
 
 
 @njit(cache=True, nogil=True)
 def _fill(
-    values: Array,
+    given: Array,
+    columns: NDArray[np.int64],
     scales: Array,
     whole: NDArray[np.bool_],
     at: NDArray[np.int64],
@@ -31,20 +30,24 @@ def _fill(
     big: NDArray[np.bool_],
     out: NDArray[np.uint8],
 ) -> None:
-    """Write raw values of fields, (n, fields), into packets (n, length).
+    """Write what is given, (n, given), into the fields of packets (n, length).
 
-    `scales` (fields, 6) are the size of a unit, zero, sign, full scale, and the least and the
-    greatest raw value.
+    `columns` (fields,) say which each field is of; `scales` (fields, 7) are the size of a unit,
+    zero, sign, full scale, the least and the greatest raw value, and where it starts again at 0.
     """
     single, double = np.empty(1, np.float32), np.empty(1, np.float64)
     bytes_single, bytes_double = single.view(np.uint8), double.view(np.uint8)
-    for n in range(values.shape[0]):
-        for j in range(values.shape[1]):
-            size, zero, sign, full, low, high = scales[j]
-            raw = (min(max(values[n, j], -full), full) - zero) / size * sign
+    for n in range(given.shape[0]):
+        for j in range(columns.size):
+            size, zero, sign, full, low, high, wraps = scales[j]
+            raw = (min(max(given[n, columns[j]], -full), full) - zero) / size * sign
             width = sizes[j]
             if whole[j]:
-                number = np.int64(min(max(np.rint(raw), low), high))
+                raw = np.rint(raw)
+            if wraps:
+                raw = raw % wraps
+            if whole[j]:
+                number = np.int64(min(max(raw, low), high))
                 for k in range(width):
                     place = at[j] + (width - 1 - k if big[j] else k)
                     out[n, place] = np.uint8((number >> (8 * k)) & 0xFF)
@@ -53,6 +56,14 @@ def _fill(
             for k in range(width):
                 place = at[j] + (width - 1 - k if big[j] else k)
                 out[n, place] = bytes_single[k] if width == 4 else bytes_double[k]
+
+
+@njit(cache=True, nogil=True)
+def _seal(value: NDArray[np.uint32], at: int, size: int, big: bool, out: NDArray[np.uint8]) -> None:
+    """Write the check of each packet into its place."""
+    for n in range(value.size):
+        for k in range(size):
+            out[n, at + (size - 1 - k if big else k)] = np.uint8((value[n] >> (8 * k)) & 0xFF)
 
 
 class Packer:
@@ -86,14 +97,16 @@ class Packer:
             temperature = np.full(len(readings), _TEMPERATURE)
             text = encode(self._layout, readings, counted, time, temperature)
             return text.splitlines(keepends=True)
-        if wraps := int(self._layout.wraps["counter"]):
-            counted %= wraps
-        given = {"counter": counted, "time": time, "status": 0, "temperature": _TEMPERATURE}
-        packets = self._kinds[0].packets(given, readings)
+        given = np.empty((len(readings), len(ROLES)))
+        given[:, : len(AXES)] = readings
+        given[:, _TEMPERATURE_AT] = _TEMPERATURE
+        given[:, _COUNTER_AT] = counted
+        given[:, _TIME_AT] = time
+        given[:, _STATUS_AT] = 0.0
+        packets = self._kinds[0].packets(given)
         if len(self._kinds) > 1:
             for n in np.flatnonzero(numbers % self._second == 0).tolist():
-                now = {"counter": counted[n : n + 1], "time": time[n : n + 1]}
-                packets[n] = self._kinds[1].packets(given | now, readings[n : n + 1])[0]
+                packets[n] = self._kinds[1].packets(given[n : n + 1])[0]
         return packets
 
 
@@ -101,16 +114,12 @@ class _Kind:
     """Packets of one kind."""
 
     def __init__(self, layout: Layout, frame: Frame):
-        self._frame, self._layout = frame, layout
-        self._roles = [field.role for field in frame.fields]
-        self._columns = [AXES.index(role) if role in AXES else -1 for role in self._roles]
-        self._taken = [j for j, column in enumerate(self._columns) if column >= 0]
-        self._axes = [column for column in self._columns if column >= 0]
-        self._others = [(j, role) for j, role in enumerate(self._roles) if role not in AXES]
+        self._frame = frame
+        self._columns = np.array([ROLES.index(field.role) for field in frame.fields])
         self._whole = np.array([field.bits > 0 for field in frame.fields])
         self._at = np.array([field.at for field in frame.fields])
         self._sizes = np.array([int(field.type[1:]) // 8 for field in frame.fields])
-        self._big = np.array([frame.orders[role] == "big" for role in self._roles])
+        self._big = np.array([frame.orders[field.role] == "big" for field in frame.fields])
         scales: list[tuple[float, ...]] = []
         for field in frame.fields:
             scale = layout.scale(field.role)
@@ -120,30 +129,25 @@ class _Kind:
             if field.bits == 64:
                 # What a signed integer holds; no device has counted further.
                 high = float(np.nextafter(2.0**63, 0))
-            scales.append((scale.size, scale.zero, field.sign, scale.full_scale, low, high))
+            wraps = layout.wraps.get(field.role, 0.0)
+            scales.append((scale.size, scale.zero, field.sign, scale.full_scale, low, high, wraps))
         self._scales = np.array(scales)
         self._blank = np.zeros(frame.length, np.uint8)
         for offset, value in frame.constants:
             self._blank[offset] = value
-        self._time = layout.wraps["time"] * layout.time.size
 
-    def packets(self, given: Mapping[str, Any], readings: Array) -> list[bytes]:
-        n, length = len(readings), self._frame.length
-        values = np.empty((n, len(self._roles)))
-        values[:, self._taken] = readings[:, self._axes]
-        for j, role in self._others:
-            values[:, j] = given[role]
-            if role == "time" and self._time:
-                values[:, j] %= self._time
+    def packets(self, given: Array) -> list[bytes]:
+        """Return the packets of what is given, (n, roles)."""
+        n, length = len(given), self._frame.length
         rows = np.empty((n, length), np.uint8)
         rows[:] = self._blank
-        _fill(values, self._scales, self._whole, self._at, self._sizes, self._big, rows)
+        _fill(
+            given, self._columns, self._scales, self._whole, self._at, self._sizes, self._big, rows
+        )
         for check in self._frame.checks:
-            starts = np.arange(n) * length
-            value = check.kind.of_spans(rows.reshape(-1), starts + check.start, starts + check.at)
-            size = check.kind.bits // 8
-            for k in range(size):
-                place = size - 1 - k if check.order == "big" else k
-                rows[:, check.at + place] = value >> np.uint32(8 * k) & np.uint32(0xFF)
+            starts = np.arange(check.start, n * length, length)
+            ends = starts + (check.at - check.start)
+            value = check.kind.of_spans(rows.reshape(-1), starts, ends)
+            _seal(value, check.at, check.kind.bits // 8, check.order == "big", rows)
         data = rows.tobytes()
         return [data[i : i + length] for i in range(0, n * length, length)]

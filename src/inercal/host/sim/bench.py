@@ -19,7 +19,6 @@ import numpy as np
 from inercal.errors import InputError
 from inercal.host.sim import motion_link
 from inercal.host.sim.drawn import Drawn, draw
-from inercal.host.sim.dynamics import Motion
 from inercal.host.sim.motion_link import Part
 from inercal.host.sim.pmac import SimulatedPmac
 from inercal.host.sim.process import obey
@@ -66,9 +65,7 @@ class Bench:
         while self._until < until:
             self._until = min(self._until + _MOST, until)
             first = self.pmac.table.cycle + 1
-            motion: Motion = self.pmac.advance(self._until)
-            moved = np.stack([motion.angle, motion.rate, motion.acceleration], axis=-1)
-            self._tell(self._until, first, moved)
+            self._tell(self._until, first, self.pmac.table.turn(self._until))
 
     def settle(self) -> None:
         """Wait until the IMU has sent what is due by now."""

@@ -131,14 +131,19 @@ class Table:
 
     def advance(self, until: float) -> Motion:
         """Run the servo cycles that end by bench time `until`, s; return the motion in them."""
+        out = self.turn(until)
+        time = self.period * np.arange(self.cycle - len(out) + 1, self.cycle + 1, dtype=np.float64)
+        return Motion(time, out[..., 0], out[..., 1], out[..., 2])
+
+    def turn(self, until: float) -> Array:
+        """As `advance`; return angle, rate and acceleration as one array (n, axes, 3)."""
         # A time that was computed as a multiple of the period belongs to its cycle.
         last = floor(until / self.period + 1e-6)
         count = max(last - self.cycle, 0)
         out = np.empty((count, len(self.axes), 3))
         if count:
             self._run(out)
-        time = self.period * np.arange(self.cycle - count + 1, self.cycle + 1, dtype=np.float64)
-        return Motion(time, out[..., 0], out[..., 1], out[..., 2])
+        return out
 
     def _run(self, out: Array) -> None:
         kernel.advance(self._plain, self._past, self._shown, self.cycle, len(out), self.period, out)

@@ -109,6 +109,7 @@ class Imu:
             raise InputError(f"{run.path}: [sensor]: the simulated IMU has three axes of each kind")
         c = np.array([run.truth[name] for name in sensor.coefficients])
         self._order = [k for kind in "fw" for k in range(6) if kinds[k] == kind]
+        self._ordered = self._order == sorted(self._order)
         self._sensor, self._drawn, self._rate = sensor, drawn, rate_hz
         self._felt, self._reads = Surroundings(drawn), Reading(sensor, c)
         reach = [
@@ -149,7 +150,7 @@ class Imu:
         kernel.between(self._ring, period, np.maximum(times, 0.0), between)
         reading = self._reads(self._felt(between))
         kernel.spoil(reading, self._noise_of(numbers), *self._limits)
-        return reading[:, self._order]
+        return reading if self._ordered else reading[:, self._order]
 
     def _noise_of(self, numbers: NDArray[np.int64]) -> Array:
         """Return the noise of the next readings, drawing on where there is no more."""
