@@ -57,8 +57,6 @@ def test_a_rate_is_reached_kept_and_read_back(pmac: Served, table: Pmac):
 
 
 def test_time_is_the_servo_clock_of_the_same_cycle_as_the_angle(pmac: Served, table: Pmac):
-    start = table.read().time
-    assert start == 0.0
     table.spin("inner", radians(30), radians(200))
     pmac.advance(2.0)
     first = table.read()
@@ -68,6 +66,34 @@ def test_time_is_the_servo_clock_of_the_same_cycle_as_the_angle(pmac: Served, ta
     rate = (second.axes[2].angle - first.axes[2].angle) / (second.time - first.time)
     assert rate == pytest.approx(radians(30), rel=1e-6)
     assert second.time == pytest.approx(3.0, abs=table.period)
+
+
+def test_time_is_the_controllers_own_whoever_connects_and_when(pmac: Served, table: Pmac):
+    pmac.advance(100.0)
+    with Pmac(pmac.address, INNER) as other:
+        assert other.read().time == table.read().time == pytest.approx(100.0, abs=table.period)
+        assert other.wraps == (1 << 24) * other.period
+
+
+def test_a_motor_that_refuses_to_stop_keeps_no_other_from_stopping(scripted: Any):
+    simulated = SimulatedPmac()
+    feed = simulated.session().feed
+
+    def answer(data: bytes) -> bytes:
+        if data.startswith(bytes.fromhex("C0 C4")):  # ^A is not understood
+            return b"\x06@"
+        return b"\x07ERR012\r" if b"#1J/" in data and b"I119=I115" in data else feed(data)
+
+    axes = (PmacAxis("outer", 1, COUNTS), PmacAxis("inner", 3, COUNTS))
+    with Pmac("tcp://x:1", axes, opener=lambda _: scripted(answer)) as table:
+        table.enable()
+        table.spin("outer", 0.2, 1.0)
+        table.spin("inner", 1.0, 1.0)
+        simulated.advance(2.0)
+        with pytest.raises(Refused, match="ERR012"):
+            table.stop()
+        simulated.advance(4.0)
+        assert [axis.settled for axis in table.read().axes] == [False, True]
 
 
 def test_the_servo_clock_goes_on_where_its_24_bits_wrap(pmac: Served, table: Pmac):
@@ -89,7 +115,8 @@ def test_a_reading_over_several_cycles_says_so(scripted: Any):
     with Pmac("tcp://x:1", INNER, opener=lambda _: scripted(answer)) as table:
         state = table.read()
     assert state.span == pytest.approx(4 * table.period)
-    assert state.time == pytest.approx(2 * table.period)
+    # From two cycles before the wrap to two behind it.
+    assert state.time == pytest.approx(table.wraps, rel=1e-12)
 
 
 def test_a_motor_that_has_not_yet_started_is_not_taken_for_one_that_has_arrived(scripted: Any):

@@ -14,7 +14,7 @@ Position mode brings a demand from before: each is set before its mode is.
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import degrees, nan, radians
+from math import degrees, inf, nan, radians
 from typing import Self
 
 from inercal.errors import InputError
@@ -79,6 +79,11 @@ class Acutrol:
     def axes(self) -> tuple[str, ...]:
         """Names, outer to inner."""
         return tuple(a.name for a in self._axes)
+
+    @property
+    def wraps(self) -> float:
+        """Infinite: it tells no time."""
+        return inf
 
     def enable(self) -> None:
         """Close the interlocks, at rest in rate mode."""

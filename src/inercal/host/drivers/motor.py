@@ -10,7 +10,7 @@ its own, `TableState.time` is NaN, and has no command that takes its power off.
 
 import re
 from collections.abc import Callable
-from math import degrees, nan, radians
+from math import degrees, inf, nan, radians
 from typing import Self
 
 from inercal.host.drivers.table import (
@@ -64,6 +64,11 @@ class Motor:
     def axes(self) -> tuple[str, ...]:
         """The one name."""
         return (self._axis,)
+
+    @property
+    def wraps(self) -> float:
+        """Infinite: it tells no time."""
+        return inf
 
     def enable(self) -> None:
         """Ask for the position, to see that somebody answers: such a servo is on with its power."""

@@ -7,8 +7,8 @@ Ixx28 in 1/16 count. One count is 2π/counts_per_turn rad.
 **Time.** X:$0 counts servo cycles in 24 bits (the manual's suggested M100); one cycle is
 I10/8388608 ms. A reading asks for it first and last in the one line that asks for positions: the
 same number twice says that all belong to that cycle; otherwise `TableState.span` says how much
-passed. It wraps after 2 h at 2.26 kHz: a table must be read more often than that for its time to
-be right.
+passed. It wraps after 2 h at 2.26 kHz (`Pmac.wraps`), which readings of one connection count on: a
+table must be read more often than that for its time to be right.
 
 **Limits.** Rates are held to Ixx16 and accelerations to Ixx17, which nothing here writes: Ixx19 and
 Ixx22, those of jogs, are what a motion is commanded by, and would hold the next one back. Soft
@@ -17,7 +17,7 @@ limits are Ixx13 and Ixx14 (0: none).
 Source: Delta Tau, Turbo PMAC Software Reference Manual.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from math import inf, tau
 from typing import Self
@@ -88,8 +88,7 @@ class Pmac:
                 raise InputError(f"axis {axis.name}: motors are 1 to 32, counts in a turn not 0")
         motors = [a.motor for a in self._axes]
         self._ask_state = "RHX$0 " + " ".join(f"#{m}P#{m}V#{m}F#{m}?" for m in motors) + " RHX$0"
-        self._cycle: int | None = None
-        self._elapsed = 0
+        self._cycle, self._turns = 0, 0
         self._started: list[int | None] = [None] * len(self._axes)
         self._dialogue = Dialogue(address, timeout, opener)
         try:
@@ -105,6 +104,11 @@ class Pmac:
     def axes(self) -> tuple[str, ...]:
         """Names, outer to inner."""
         return tuple(a.name for a in self._axes)
+
+    @property
+    def wraps(self) -> float:
+        """As `RotaryTable.wraps`: 2²⁴ servo cycles, s."""
+        return _CYCLES * self.period
 
     @property
     def reconnected(self) -> int:
@@ -148,8 +152,7 @@ class Pmac:
             self._dialogue.control("A")
         state = self.read()
         turning = [a.motor for a, s in zip(self._axes, state.axes, strict=True) if s.moving]
-        if turning:
-            self._ask(" ".join(f"I{m}20=0 I{m}21=0 I{m}19=I{m}15 #{m}J/" for m in turning))
+        self._each(f"I{m}20=0 I{m}21=0 I{m}19=I{m}15 #{m}J/" for m in turning)
 
     def kill(self, *, coasting: bool = False) -> None:
         """Open the loops and take the power off (`K`).
@@ -166,19 +169,20 @@ class Pmac:
                         f"axis {name} turns and would coast if killed: stop() first, then kill(), "
                         "or kill(coasting=True) where stopping failed"
                     )
-        self._ask(" ".join(f"#{a.motor}K" for a in self._axes))
+        self._each(f"#{a.motor}K" for a in self._axes)
 
     def read(self) -> TableState:
-        """Return where the table is now; its time starts with the first reading."""
+        """Return where the table is now; its time is the servo clock as it stands."""
         lines = self._ask(self._ask_state, 4 * len(self._axes) + 2)
         first, last = codec.word(lines[0], 6), codec.word(lines[-1], 6)
         during = (last - first) % _CYCLES
-        self._elapsed += 0 if self._cycle is None else (first - self._cycle) % _CYCLES
+        self._turns += first < self._cycle
         self._cycle = first
         states = tuple(
             self._state(i, first, lines[1 + 4 * i : 5 + 4 * i]) for i in range(len(self._axes))
         )
-        return TableState((self._elapsed + during / 2) * self.period, states, during * self.period)
+        cycles = self._turns * _CYCLES + first + during / 2
+        return TableState(cycles * self.period, states, during * self.period)
 
     def close(self) -> None:
         """Close the connection; the table goes on with what it does."""
@@ -186,6 +190,17 @@ class Pmac:
 
     def _ask(self, line: str, replies: int = 0) -> list[str]:
         return self._dialogue.ask(line, replies)
+
+    def _each(self, lines: Iterable[str]) -> None:
+        """Send all lines; a motor that refuses its own keeps no other from hearing theirs."""
+        refused: codec.Refused | None = None
+        for line in lines:
+            try:
+                self._ask(line)
+            except codec.Refused as error:
+                refused = refused or error
+        if refused:
+            raise refused
 
     def _state(self, i: int, cycle: int, lines: list[str]) -> AxisState:
         axis, started = self._axes[i], self._started[i]

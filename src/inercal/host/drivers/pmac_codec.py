@@ -11,6 +11,7 @@ Reference Manual, I6 (errors), `?` (status), `P`, `V`, `F`.
 
 import re
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from struct import pack
 
 from inercal.errors import InputError
@@ -27,6 +28,8 @@ _ACK = b"\x06"
 _END = re.compile(rb"[\x06\x07]")  # ACK, or BELL before an error
 _JUNK = re.compile(rb"[^\x20-\x7e\r\n]")
 _REFUSAL = re.compile(rb"\x07(ERR(\d{3}))\r")
+_WORDS = {n: re.compile(rf"\s*[0-9A-Fa-f]{{1,{n}}}\s*") for n in (6, 12)}
+_PLAIN = re.compile(r"[+-]?\d{1,20}(?:\.\d{0,20})?", re.ASCII)
 _NUMBER = re.compile(
     r"\s*([+-]?)(\$[0-9A-Fa-f]{1,12}|\d{1,20}(?:\.\d{0,20})?|\.\d{1,20})\s*", re.ASCII
 )
@@ -82,32 +85,32 @@ class Status:
     first: int
     second: int
 
-    @property
+    @cached_property
     def activated(self) -> bool:
         """The controller serves this motor at all (Ixx00)."""
         return bool(self.first >> 23 & 1)
 
-    @property
+    @cached_property
     def enabled(self) -> bool:
         """The amplifier is on and the loop is closed."""
         return bool(self.first >> 19 & 1) and not self.first >> 18 & 1
 
-    @property
+    @cached_property
     def moving(self) -> bool:
         """The desired velocity is not zero; of an open loop the controller says so too."""
         return not self.first >> 13 & 1 and self.enabled
 
-    @property
+    @cached_property
     def homed(self) -> bool:
         """Home complete."""
         return bool(self.second >> 10 & 1)
 
-    @property
+    @cached_property
     def in_position(self) -> bool:
         """Within Ixx28 of the target."""
         return bool(self.second & 1)
 
-    @property
+    @cached_property
     def faults(self) -> tuple[str, ...]:
         """What is wrong, in words."""
         words = (0, self.first, self.second)
@@ -115,6 +118,8 @@ class Status:
         return wrong if self.activated else (*wrong, "not activated")
 
 
+# The line that asks for the table's state is the same fifty times a second.
+@lru_cache(64)
 def get_response(line: str) -> bytes:
     """Return the request that carries out `line` and asks for its reply."""
     try:
@@ -216,6 +221,8 @@ def number(text: str) -> float:
 
     Raises `ProtocolError` for any other text.
     """
+    if _PLAIN.fullmatch(text):
+        return float(text)
     match = _NUMBER.fullmatch(text)
     if match is None:
         raise ProtocolError(f"{text[:40]!r} is no number of a PMAC")
@@ -224,12 +231,17 @@ def number(text: str) -> float:
 
 
 def word(text: str, digits: int) -> int:
-    """Return a word of `digits` hexadecimal digits at most, without `$`; else `ProtocolError`."""
-    if not re.fullmatch(rf"\s*[0-9A-Fa-f]{{1,{digits}}}\s*", text):
+    """Return a word of at most `digits` (6 or 12) hexadecimal digits, without `$`.
+
+    Raises `ProtocolError` for any other text.
+    """
+    if not _WORDS[digits].fullmatch(text):
         raise ProtocolError(f"{text[:40]!r} is no word of {digits} hexadecimal digits")
     return int(text, 16)
 
 
+# A motor says few different words in a run.
+@lru_cache(256)
 def status(text: str) -> Status:
     """Return the status of a motor from the 12 digits that answer `#n?`."""
     if len(text.strip()) != 12:

@@ -100,7 +100,8 @@ class TableState:
     Parameters
     ----------
     time : float
-        The controller's servo clock, s; NaN where it tells none.
+        The controller's servo clock as it stands, s; NaN where it tells none. Where it starts again
+        (`RotaryTable.wraps`), it is counted on within one connection.
     axes : tuple of AxisState
     span : float
         s that passed in the controller between the reading's first number and its last; 0 where all
@@ -127,6 +128,11 @@ class RotaryTable(Protocol):
     @property
     def limits(self) -> tuple[AxisLimits, ...]:
         """As the controller is set."""
+        ...
+
+    @property
+    def wraps(self) -> float:
+        """After how many s the controller's clock starts again at 0; infinite where never."""
         ...
 
     def enable(self) -> None:

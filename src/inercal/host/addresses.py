@@ -1,0 +1,220 @@
+"""Addresses of tables and IMUs: what is at the other end of a link, and how it is set.
+
+    pmac://192.168.0.5:1025?motors=1,2,3&counts=3600000     axes outer to inner; counts of one turn,
+                                                            one for all or one an axis, < 0 reverses
+    acutrol://192.168.0.6:5025?axes=1,2,3                   axes outer to inner
+    motor:serial:/dev/ttyUSB0?baud=9600                     one axis, over any link
+    serial:/dev/ttyUSB0?preset=xsens&baud=921600            an IMU; `preset` is one of `PRESETS`,
+    tcp://127.0.0.1:40123?layout=own.toml                   `layout` a file of one's own
+
+What else stands behind `?` is the link's.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from math import isfinite
+from typing import TYPE_CHECKING
+from urllib.parse import parse_qsl, urlencode, urlsplit
+
+from inercal.errors import InputError
+from inercal.host.drivers.acutrol import Acutrol, AcutrolAxis
+from inercal.host.drivers.motor import Motor
+from inercal.host.drivers.pmac import Pmac, PmacAxis
+from inercal.host.drivers.table import AxisLimits, RotaryTable
+from inercal.host.link import open_link
+
+# What these bring with them takes longer to load than the guard, which opens a table, to start.
+if TYPE_CHECKING:
+    from inercal.benches.turntable import Turntable
+    from inercal.host.imu import ImuPort
+    from inercal.host.packets import Layout
+
+_TABLES = (
+    "pmac://HOST:1025?motors=1,2,3&counts=3600000, acutrol://HOST:PORT?axes=1,2,3 or "
+    "motor:serial:PATH?baud=9600"
+)
+_MOST_MOTORS = 32
+
+
+def open_table(address: str, bench: Turntable | None, timeout: float = 1.0) -> RotaryTable:
+    """Return the table at `address`.
+
+    Parameters
+    ----------
+    address : str
+        See the module.
+    bench : Turntable or None
+        Names the axes, and states what a controller that tells no limits is held to; without it
+        axes are named after their numbers.
+    timeout : float
+        s that a reply may take.
+
+    Raises
+    ------
+    InputError
+        An address of another form, or one whose axes are not the bench's.
+    LinkLost
+        Nobody is there.
+    ProtocolError
+        Somebody else is.
+    """
+    kind, at = _scheme(address)
+    if kind == "motor":
+        return _motor(address, at, bench, timeout)
+    given = _Given(address)
+    if kind == "pmac":
+        motors = given.whole("motors", _MOST_MOTORS)
+        names = _names(address, "motors", motors, bench)
+        counts = given.counts(len(motors))
+        where = given.tcp(1025)
+        axes = [PmacAxis(*axis) for axis in zip(names, motors, counts, strict=True)]
+        return Pmac(where, axes, timeout)
+    if kind == "acutrol":
+        numbers = given.whole("axes", 9)
+        names = _names(address, "axes", numbers, bench)
+        where = given.tcp(None)
+        axes = [AcutrolAxis(*axis) for axis in zip(names, numbers, strict=True)]
+        return Acutrol(where, axes, timeout)
+    raise InputError(f"{address!r} is no address of a table; possible: {_TABLES}")
+
+
+def shared(address: str) -> bool:
+    """Tell whether two programs may be connected to the table at once: not over a serial port."""
+    kind, at = _scheme(address)
+    return not (kind == "motor" and at.startswith("serial:"))
+
+
+def open_imu(address: str, now: Callable[[], float]) -> ImuPort:
+    """Return the port to the IMU at `address`; `now` tells the time of what comes, s.
+
+    Raises
+    ------
+    InputError
+        An address of another form, or no description of its packets.
+    LinkLost
+        Nobody is there, or the port cannot be opened.
+    """
+    from inercal.host.imu import ImuPort
+
+    layout, link = layout_of_address(address), link_of_address(address)
+    return ImuPort(open_link(link), layout, now)
+
+
+def layout_of_address(address: str) -> Layout:
+    """Return what the packets are that `preset` or `layout` of an IMU's address names.
+
+    Raises
+    ------
+    InputError
+        Neither or both of them, or a description that cannot be read.
+    """
+    from inercal.host.packets import PRESETS, read_layout
+
+    given = _Given(address).given
+    if ("preset" in given) == ("layout" in given):
+        raise InputError(
+            f"{address!r}: say what the packets are by either preset=NAME or layout=FILE.toml; "
+            f"presets are {', '.join(PRESETS)}"
+        )
+    if "preset" in given and given["preset"] not in PRESETS:
+        raise InputError(
+            f"no preset {given['preset']!r} in {address!r}; possible: {', '.join(PRESETS)}"
+        )
+    return read_layout(given.get("preset") or given["layout"])
+
+
+def link_of_address(address: str) -> str:
+    """Return the address of the link alone, without what says what the packets are."""
+    given = {k: v for k, v in _Given(address).given.items() if k not in ("preset", "layout")}
+    query = f"?{urlencode(given, safe='/')}" if given else ""
+    return address.partition("?")[0] + query
+
+
+class _Given:
+    """The parameters of an address, taken one by one."""
+
+    def __init__(self, address: str):
+        self.address = address
+        pairs = parse_qsl(urlsplit(address).query, keep_blank_values=True)
+        self.given = dict(pairs)
+        if len(self.given) < len(pairs):
+            raise InputError(f"{address!r} gives a parameter twice")
+
+    def whole(self, key: str, most: int) -> list[int]:
+        """Return the numbers of axes, 1 to `most`, each once."""
+        text = self._take(key, f"{key}=1,2,3")
+        parts = text.split(",")
+        if not all(re.fullmatch(r"[0-9]{1,2}", part) for part in parts):
+            raise InputError(f"{key}={text!r} in {self.address!r}; give numbers as {key}=1,2,3")
+        numbers = [int(part) for part in parts]
+        if len(set(numbers)) < len(numbers) or not all(1 <= n <= most for n in numbers):
+            raise InputError(
+                f"{key}={text!r} in {self.address!r}; possible: 1 to {most}, each once"
+            )
+        return numbers
+
+    def counts(self, axes: int) -> list[float]:
+        """Return the counts of one turn of each axis."""
+        text = self._take("counts", "counts=3600000")
+        try:
+            values = [float(part) for part in text.split(",")]
+        except ValueError:
+            values = []
+        if len(values) not in (1, axes) or not all(isfinite(v) and v for v in values):
+            raise InputError(
+                f"counts={text!r} in {self.address!r}; give those of one turn, one number for all "
+                f"or {axes}, other than 0"
+            )
+        return values if len(values) == axes else values * axes
+
+    def tcp(self, port: int | None) -> str:
+        """Return the link's address, once all parameters are taken."""
+        if self.given:
+            raise InputError(
+                f"unknown parameter {next(iter(self.given))!r} in {self.address!r}; "
+                f"possible: {_TABLES}"
+            )
+        parts = urlsplit(self.address)
+        try:
+            port = parts.port or port
+        except ValueError:
+            port = None
+        if not parts.hostname or not port or parts.path not in ("", "/") or parts.username:
+            raise InputError(f"{self.address!r} names no host and port; possible: {_TABLES}")
+        host = f"[{parts.hostname}]" if ":" in parts.hostname else parts.hostname
+        return f"tcp://{host}:{port}"
+
+    def _take(self, key: str, example: str) -> str:
+        if key not in self.given:
+            raise InputError(f"{self.address!r} does not say {key}; give such as {example}")
+        return self.given.pop(key)
+
+
+def _scheme(address: str) -> tuple[str, str]:
+    kind, _, at = address.partition(":")
+    return kind.lower(), at
+
+
+def _names(
+    address: str, key: str, numbers: Sequence[int], bench: Turntable | None
+) -> tuple[str, ...]:
+    if bench is None:
+        return tuple(str(n) for n in numbers)
+    if len(bench.names) != len(numbers):
+        raise InputError(
+            f"{address!r}: {len(numbers)} {key}, and the bench's axes are {', '.join(bench.names)}"
+        )
+    return bench.names
+
+
+def _motor(address: str, at: str, bench: Turntable | None, timeout: float) -> Motor:
+    if not at.startswith(("serial:", "tcp:")):
+        raise InputError(f"{address!r} names no link; possible: {_TABLES} or motor:tcp://HOST:PORT")
+    (name,) = _names(address, "motor", (1,), bench)
+    limits = AxisLimits()
+    if bench is not None:
+        of_axis = bench.limits_of_axes[0]
+        limits = AxisLimits(of_axis.rate, of_axis.acceleration)
+    return Motor(at, limits, name, timeout=timeout)

@@ -1,0 +1,147 @@
+"""The IMU's bytes as they come, with the time of their coming, read by a thread of their own.
+
+A port holds 4 kB, at 921600 baud 45 ms: whatever the host does meanwhile, they are taken off it.
+Their times serve to tie the IMU's clock to the table's at the start of a run, and nothing else.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from math import nan
+from threading import Condition, Thread
+from typing import Self
+
+from inercal.errors import InercalError
+from inercal.host.link import Link, LinkLost
+from inercal.host.packets import Layout
+
+_MOST = 1 << 16  # bytes at a time
+_WAIT = 0.2  # s after which the thread looks whether it shall end
+_STALE = 1 << 20  # bytes; a link that gives as many at once gives without end
+
+
+class ImuPort:
+    """What comes over `link`.
+
+    Parameters
+    ----------
+    link : Link
+        Closed with the port. What waits in it already is thrown away: when that came is not known.
+    layout : Layout
+        Of the packets.
+    now : callable
+        Returns the time of what comes, s.
+
+    Attributes
+    ----------
+    received : int
+        Bytes that came since opening, whether or not they were taken.
+    thrown : int
+        Bytes that were thrown away on opening.
+
+    Raises
+    ------
+    LinkLost
+        The other end is gone already.
+    """
+
+    def __init__(self, link: Link, layout: Layout, now: Callable[[], float]):
+        self.layout = layout
+        self.received = self.thrown = 0
+        self._link, self._now = link, now
+        self._pieces: deque[tuple[float, bytes]] = deque()
+        self._taken = 0
+        self._lost: InercalError | None = None
+        self._closed = False
+        self._came = Condition()
+        try:
+            while self.thrown < _STALE and (stale := link.read(_MOST, 0.0)):
+                self.thrown += len(stale)
+        except BaseException:
+            link.close()
+            raise
+        self._thread = Thread(target=self._read, name=f"reads {link.address}", daemon=True)
+        self._thread.start()
+
+    @property
+    def address(self) -> str:
+        """The link's."""
+        return self._link.address
+
+    def take(self, upto: int | None = None, timeout: float = 1.0) -> list[tuple[float, bytes]]:
+        """Return what came, with the time at which each piece did.
+
+        Parameters
+        ----------
+        upto : int, optional
+            How many bytes in all since opening: exactly those are handed out. What is still under
+            way is waited for; what is beyond stays for the next time.
+        timeout : float
+            s to wait at most.
+
+        Raises
+        ------
+        LinkLost
+            The other end is gone, and all that came before is handed out; or the bytes up to
+            `upto` do not come in time.
+        """
+        with self._came:
+            if upto is not None and self.received < upto and self._lost is None:
+                self._came.wait_for(
+                    lambda: self.received >= upto or self._lost is not None, timeout
+                )
+                if self.received < upto and self._lost is None:
+                    raise LinkLost(
+                        f"{self.address}: {upto - self.received} bytes that were sent have not "
+                        f"come in {timeout:g} s"
+                    )
+            pieces = self._out(self.received if upto is None else upto)
+            if not pieces and not self._pieces and self._lost is not None:
+                raise LinkLost(str(self._lost))
+            return pieces
+
+    def close(self) -> None:
+        """Stop reading, and close the link; a second time does nothing."""
+        self._closed = True
+        self._thread.join()
+        self._link.close()
+
+    def _out(self, upto: int) -> list[tuple[float, bytes]]:
+        """Hand out pieces up to so many bytes in all, the last one cut where it goes beyond."""
+        pieces: list[tuple[float, bytes]] = []
+        while self._pieces and self._taken < upto:
+            time, data = self._pieces.popleft()
+            if len(data) > upto - self._taken:
+                self._pieces.appendleft((time, data[upto - self._taken :]))
+                data = data[: upto - self._taken]
+            pieces.append((time, data))
+            self._taken += len(data)
+        return pieces
+
+    def _read(self) -> None:
+        """Read until the end, in the thread."""
+        while not self._closed:
+            lost: InercalError | None = None
+            time, data = nan, b""
+            try:
+                data = self._link.read(_MOST, _WAIT)
+                time = self._now()
+                if len(data) == 1:
+                    # By its first byte a serial port says that there is something.
+                    data += self._link.read(_MOST, 0.0)
+            except InercalError as error:  # the clock may be lost too
+                lost = error
+            if data or lost:
+                with self._came:
+                    if data:
+                        self._pieces.append((time, data))
+                        self.received += len(data)
+                    self._lost = lost
+                    self._came.notify_all()
+            if lost:
+                return
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
