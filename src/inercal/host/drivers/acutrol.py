@@ -27,7 +27,7 @@ from inercal.host.drivers.table import (
     index_of,
 )
 from inercal.host.drivers.text_dialogue import TextDialogue
-from inercal.host.link import Link, open_link
+from inercal.host.link import Link, LinkLost, open_link
 
 _NUMBER = re.compile(r"[+-]?\d{1,15}(?:\.\d{0,15})?(?:[Ee][+-]?\d{1,2})?", re.ASCII)
 
@@ -90,7 +90,7 @@ class Acutrol:
         for i, axis in enumerate(self._axes):
             n = axis.number
             self._tell(":interlock:reset", f":mode:off {n}", f":interlock:close {n}")
-            self._rest(i)
+            self._tell(*self._resting(i))
 
     def home(self) -> None:
         """Do nothing: the encoders are taken to be absolute."""
@@ -122,8 +122,13 @@ class Acutrol:
 
     def stop(self) -> None:
         """Bring all axes to rest in rate mode; no safety function."""
-        for i in range(len(self._axes)):
-            self._rest(i)
+        # On one line: what is wrong with one axis keeps no other from hearing it.
+        lines = [line for i in range(len(self._axes)) for line in self._resting(i)]
+        try:
+            self._tell(*lines, urgent=True)
+        except (ProtocolError, LinkLost):
+            # Heard or not: the link is a new one, and to stop twice is to stop.
+            self._tell(*lines, urgent=True)
 
     def kill(self, *, coasting: bool = False) -> None:
         """Open the interlocks; refused as in `RotaryTable.kill`."""
@@ -167,10 +172,11 @@ class Acutrol:
             faults=("interlock fault",) if interlock == "fault" else (),
         )
 
-    def _rest(self, i: int) -> None:
+    def _resting(self, i: int) -> tuple[str, str]:
+        """Return the commands that bring an axis to rest in rate mode."""
         n = self._axes[i].number
-        self._tell(f":demand:rate {n},0", f":mode:rate {n}")
         self._goals[i] = (nan, 0.0)
+        return f":demand:rate {n},0", f":mode:rate {n}"
 
     def _read_limits(self, n: int) -> AxisLimits:
         said = self._dialogue.ask(f":limit:absolute? {n}\n".encode()).split(",")
@@ -179,10 +185,10 @@ class Acutrol:
         rate, acceleration, _, low, high, _ = (radians(_number(text)) for text in said)
         return AxisLimits(rate, acceleration, low, high)
 
-    def _tell(self, *commands: str) -> None:
+    def _tell(self, *commands: str, urgent: bool = False) -> None:
         """Send commands on one line; raises `TableFault` where the status behind them says so."""
         line = ";".join(commands)
-        status = int(_number(self._dialogue.ask(f"{line};*stb?\n".encode())))
+        status = int(_number(self._dialogue.ask(f"{line};*stb?\n".encode(), urgent=urgent)))
         if status & 1:
             raise TableFault(
                 f"interlock fault after {line!r}; enable() resets it if its cause is gone"

@@ -22,7 +22,7 @@ from inercal.host.drivers.table import (
     index_of,
 )
 from inercal.host.drivers.text_dialogue import TextDialogue
-from inercal.host.link import Link, open_link
+from inercal.host.link import Link, LinkLost, open_link
 
 _NUMBER = re.compile(r"[+-]?\d{1,12}(?:\.\d{0,12})?", re.ASCII)
 
@@ -98,8 +98,12 @@ class Motor:
 
     def stop(self) -> None:
         """Decelerate to rest (`STO`), at the acceleration last set; no safety function."""
-        self._tell("STO")
         self._goal, self._spinning = nan, 0.0
+        try:
+            self._tell("STO", urgent=True)
+        except (ProtocolError, LinkLost):
+            # Heard or not: the link is a new one, and to stop twice is to stop.
+            self._tell("STO", urgent=True)
 
     def kill(self, *, coasting: bool = False) -> None:
         """Refuse: see the module."""
@@ -122,8 +126,8 @@ class Motor:
         """Close the link; the motor goes on with what it does."""
         self._dialogue.close()
 
-    def _tell(self, line: str) -> str:
-        said = self._dialogue.ask(f"{line}\r".encode())
+    def _tell(self, line: str, *, urgent: bool = False) -> str:
+        said = self._dialogue.ask(f"{line}\r".encode(), urgent=urgent)
         if said.startswith("?"):
             raise TableFault(f"the motor's controller refuses {line!r}: {said}")
         return said

@@ -12,6 +12,7 @@ from typing import Self
 from inercal.host.drivers.table import ProtocolError
 from inercal.host.link import Link, LinkLost, open_link, read_until
 
+_TALKS = 20  # pieces of what is still under way
 _MOST = 1 << 16  # bytes; no reply of a table comes near
 
 
@@ -41,8 +42,11 @@ class TextDialogue:
         self._ending, self._timeout, self._opener = ending, timeout, opener
         self._link: Link | None = opener(address)
 
-    def ask(self, line: bytes) -> str:
+    def ask(self, line: bytes, *, urgent: bool = False) -> str:
         """Return the reply to `line`, sent as it is, without its ending and spaces around.
+
+        What came unasked makes the reply doubtful, and is an error before anything is sent; an
+        urgent line is sent first.
 
         Raises
         ------
@@ -62,9 +66,12 @@ class TextDialogue:
             return self._ending in data
 
         try:
-            if stray := link.read(_MOST, 0.0):
+            if urgent:
+                link.write(line)
+            elif stray := link.read(_MOST, 0.0):
                 raise ProtocolError(f"{self.address}: {stray[:20]!r} came unasked before {line!r}")
-            link.write(line)
+            else:
+                link.write(line)
             if not read_until(link, whole, self._timeout):
                 raise ProtocolError(
                     f"{self.address}: no whole reply to {line!r} within {self._timeout:g} s "
@@ -90,8 +97,10 @@ class TextDialogue:
         self.close()
         link = self._opener(self.address)
         if link.address.startswith("serial:"):
-            while link.read(_MOST, self._timeout):
-                pass
+            # Another program that talks there would keep it from ever being silent.
+            for _ in range(_TALKS):
+                if not link.read(_MOST, self._timeout):
+                    break
         self._link = link
         return link
 

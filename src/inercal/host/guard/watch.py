@@ -1,0 +1,230 @@
+"""The guard's own side: what it hears, and what it does with the table."""
+
+import os
+import signal
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import degrees, inf, isfinite, radians
+from select import select
+from time import monotonic
+from typing import NamedTuple
+
+from inercal.host.addresses import open_table, shared
+from inercal.host.drivers.table import RotaryTable, TableState
+
+_TIMEOUT = 0.5  # s of a reply
+_IDLE = 1.0  # s between looks at a table that need not stop: a link is found lost before it matters
+_POLL = 0.03  # s between looks at one that shall
+_STILL = radians(0.5)  # rad/s; a PMAC of few counts a turn rounds its rates to almost that
+_LOOKS = 2  # at rest in a row
+_MARK = 0.5  # s over which a rate must fall by this part, or the table does not slow down
+_FALL = 0.1
+_GRACE = 1.0  # s beyond what deceleration takes
+_HANGS = 5.0  # s by the wall that the controller's clock may stand
+_PATIENCE = 600.0  # s without a word from the table after which a guard without a host gives up
+
+
+class _Mark(NamedTuple):
+    """When, by the controller's clock and by the wall's, and the highest rate then, rad/s."""
+
+    time: float
+    wall: float
+    rate: float
+
+
+@dataclass
+class _Stopping:
+    """What has become of a stop so far.
+
+    Parameters
+    ----------
+    heard : bool
+        The controller has answered it.
+    killed : bool
+        It was of no avail.
+    calm : int
+        Looks in a row that found the table at rest.
+    takes : float
+        s that it takes by the limits from the highest rate that was seen.
+    first, last : _Mark or None
+        Between which the table has or has not slowed down.
+    """
+
+    heard: bool = False
+    killed: bool = False
+    calm: int = 0
+    takes: float = 0.0
+    first: _Mark | None = None
+    last: _Mark | None = None
+
+
+class Watch:
+    """The guard's own side.
+
+    Parameters
+    ----------
+    address : str
+    silence : float
+        s.
+    listen : sequence of int
+        Descriptors: the pipe, and what signals to the guard itself write to.
+    say : callable
+        Takes a line.
+    """
+
+    def __init__(
+        self, address: str, silence: float, listen: tuple[int, int], say: Callable[[str], None]
+    ):
+        self._address, self._silence = address, silence
+        self._pipe, self._signals = listen
+        self._say = say
+        self._table: RotaryTable | None = None
+        self._state: TableState | None = None
+        self._wrong = set[str]()  # what was in the way, said once until it is over
+        self._answered = self._looked = monotonic()
+        self._beat: float | None = None  # when the last came; None: none is due
+        self._gone = self._released = False
+        self._stopping: _Stopping | None = None
+
+    def run(self) -> int:
+        """Watch until let go, or until the host is gone and the table at rest."""
+        if shared(self._address) and not self._look():
+            return 1
+        self._say("ready")
+        while not self._released:
+            self._listen(_POLL if self._stopping else self._until_due())
+            now = monotonic()
+            if self._beat is not None and now - self._beat > self._silence:
+                self._beat = None
+                self._stop(f"the host was silent for {self._silence:g} s")
+            if self._stopping:
+                self._pursue(self._stopping)
+            elif self._due(now) and self._look() and self._wrong:
+                self._wrong.clear()
+                self._say("ready")
+            if self._gone and not self._stopping:
+                return 0
+            if self._gone and now - self._answered > _PATIENCE:
+                self._say(f"cannot: no word from the table for {_PATIENCE:g} s; given up")
+                return 1
+        return 0
+
+    def _due(self, now: float) -> bool:
+        return shared(self._address) and now - self._looked >= _IDLE
+
+    def _until_due(self) -> float:
+        due = self._looked + _IDLE if shared(self._address) else inf
+        if self._beat is not None:
+            due = min(due, self._beat + self._silence)
+        return min(max(due - monotonic(), 0.0), _IDLE)
+
+    def _listen(self, wait: float) -> None:
+        """Do what comes within `wait` s says."""
+        ends = [self._signals] if self._gone else [self._pipe, self._signals]
+        ready, _, _ = select(ends, [], [], wait)
+        if self._signals in ready:
+            os.read(self._signals, 64)
+            self._gone = True
+            self._stop("the guard itself was told to end")
+        elif self._pipe in ready:
+            told = os.read(self._pipe, 1 << 16)
+            if not told:
+                self._gone, self._beat = True, None
+                self._stop("the host is gone")
+            if b"." in told:
+                self._beat = monotonic()
+            for byte in told:
+                if byte in b"s\x02\x0f":
+                    self._stop("told so" if byte == ord("s") else signal.Signals(byte).name)
+                elif byte == ord("q"):
+                    self._released = True
+                    return
+
+    def _stop(self, why: str) -> None:
+        """Begin to stop, where that is not under way."""
+        if self._stopping:
+            return
+        self._say(f"stopping: {why}")
+        self._stopping = _Stopping()
+        # Servos that were off a moment ago are looked at first: to stop would switch them on.
+        if not (self._off() and self._look() and self._off()):
+            self._stopping.heard = self._try(lambda table: table.stop())
+
+    def _pursue(self, stop: _Stopping) -> None:
+        """See what has become of a stop, and do what is to be done about it."""
+        if not stop.heard and not stop.killed and not self._off():
+            stop.heard = self._try(lambda table: table.stop())
+        if not self._look() or self._state is None:
+            # What it heard before the link was lost is not known.
+            stop.heard, stop.calm, stop.first = False, 0, None
+            return
+        turning = [abs(axis.rate) > _STILL or axis.moving for axis in self._state.axes]
+        stop.calm = 0 if any(turning) else stop.calm + 1
+        if stop.calm >= _LOOKS:
+            self._rest()
+        elif any(a.enabled and turns for a, turns in zip(self._state.axes, turning, strict=True)):
+            self._judge(stop, self._state)
+
+    def _judge(self, stop: _Stopping, state: TableState) -> None:
+        """Tell a table that does not slow down again to stop, and kill it when it had its time."""
+        wall, rate = monotonic(), max(abs(axis.rate) for axis in state.axes if axis.enabled)
+        now = _Mark(state.time if isfinite(state.time) else wall, wall, rate)
+        if stop.first is None or stop.last is None:
+            stop.first = stop.last = now
+        limits = self._table.limits if self._table else ()
+        took = (
+            abs(a.rate) / (of.acceleration or inf) for a, of in zip(state.axes, limits, strict=True)
+        )
+        stop.takes = max(stop.takes, *took)
+        stands = now.wall - stop.last.wall > _HANGS
+        if now.time - stop.last.time < _MARK and not stands:
+            return
+        slows, stop.last = now.rate < (1 - _FALL) * stop.last.rate, now
+        if slows:
+            return
+        # Told again before it is killed: the host may have commanded a motion in the same moment.
+        late = stands or now.time - stop.first.time > stop.takes + _GRACE
+        if late and self._try(lambda table: table.kill(coasting=True)):
+            stop.killed = True
+            self._say(f"killed: it turned at {degrees(rate):.3g} °/s and did not slow down")
+        else:
+            self._try(lambda table: table.stop())
+
+    def _rest(self) -> None:
+        self._stopping = None
+        self._wrong.clear()
+        self._say("at rest")
+        if self._table and not shared(self._address):
+            # The host's again.
+            self._table.close()
+            self._table = None
+
+    def _off(self) -> bool:
+        """Tell whether, when last seen, no axis had its servo on."""
+        return self._state is not None and not any(axis.enabled for axis in self._state.axes)
+
+    def _look(self) -> bool:
+        """Read the table's state; False where it does not tell."""
+        self._state = None
+        self._looked = monotonic()
+
+        def read(table: RotaryTable) -> None:
+            self._state = table.read()
+
+        return self._try(read)
+
+    def _try(self, act: Callable[[RotaryTable], None]) -> bool:
+        """Do something with the table; say once what is in the way."""
+        try:
+            if self._table is None:
+                self._table = open_table(self._address, None, _TIMEOUT)
+            act(self._table)
+        # Whatever it is, the next time it may be gone, and nobody else tries.
+        except Exception as error:
+            wrong = str(error) or type(error).__name__
+            if wrong not in self._wrong:
+                self._say(f"cannot: {wrong}")
+            self._wrong.add(wrong)
+            return False
+        self._answered = monotonic()
+        return True
