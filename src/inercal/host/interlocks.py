@@ -1,0 +1,195 @@
+"""What stops a run though neither table nor IMU says a fault.
+
+Each check returns None, or in words what is wrong. Beside the table's own readings there are the
+gyros: an encoder that stands while its axis turns is believed by its controller and by nobody else.
+With the rates of the gyros w, by the readback θ̇ through the bench's geometry v, and of the axes'
+directions u_i in the body::
+
+    |w − v| > 5 °/s + |v|/20 for 0.2 s;   axis i explains it with δ_i where  w − v ≈ u_i δ_i
+
+A share of the rate is left to scale factors, and the 5 °/s to biases and to the readback's latency.
+No safety function: that is the hardware interlock.
+"""
+
+from collections.abc import Sequence
+from math import degrees, isfinite, nan, radians
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches.turntable import Turntable
+from inercal.benches.turntable_attitude import motion
+from inercal.errors import InputError
+from inercal.host.drivers.table import AxisLimits, TableState
+from inercal.pipeline.turntable.rates import half_window, of_gyros, of_table
+from inercal.recording import Track
+from inercal.sensors import Sensor
+
+Array = NDArray[np.float64]
+_SHARE = 0.5  # of the following error at which the servo gives up
+_BEYOND = 1.2  # times the bench's limit of rate
+_HANGS = 0.5  # s that the controller's clock may stand
+_WARM = 1.0  # s that a temperature must be outside: one false packet tells nothing
+_APART, _OF_RATE, _LASTING = radians(5), 0.05, 0.2  # rad/s, part of the rate, s
+_STANDS = radians(0.5)  # rad/s
+_EXPLAINED = 0.25  # of the square of what is between gyros and table may be left
+_ZERO = 273.15  # K
+
+
+class Interlocks:
+    """Checks of one run.
+
+    Parameters
+    ----------
+    limits : sequence of AxisLimits
+        As the table's controller is set.
+    bench : Turntable
+        Its axes and what they are held to.
+    sensor : Sensor
+        Whose readings `against_gyros` is shown.
+    temperature : tuple of two floats, optional
+        Of the IMU, K: lowest and highest.
+    silence : float
+        s that the IMU may be silent.
+
+    Raises
+    ------
+    InputError
+        Limits of another number of axes than the bench has.
+    """
+
+    def __init__(
+        self,
+        limits: Sequence[AxisLimits],
+        bench: Turntable,
+        sensor: Sensor,
+        temperature: tuple[float, float] | None = None,
+        silence: float = 0.5,
+    ):
+        if len(limits) != len(bench.names):
+            raise InputError(f"limits of {len(limits)} axes; the bench has {len(bench.names)}")
+        self._bench, self._temperature, self._silence = bench, temperature, silence
+        self._axes = tuple(
+            (name, of.following_error * _SHARE, held.rate * _BEYOND)
+            for name, of, held in zip(bench.names, limits, bench.limits_of_axes, strict=True)
+        )
+        self._gyros = np.array([axis.measures == "w" for axis in sensor.axes], np.bool_)
+        self._inputs = np.array([axis.i for axis in sensor.axes if axis.measures == "w"])
+        self._since: dict[str, float] = {}
+        self._time = nan
+        self._tail: tuple[Array, Array, Array] | None = None
+        self._agreed = nan
+
+    def check(
+        self,
+        state: TableState,
+        now: float,
+        heard: float | None = None,
+        temperature: float | None = None,
+    ) -> str | None:
+        """Return what is wrong with the table or the IMU now.
+
+        Parameters
+        ----------
+        state : TableState
+            The latest.
+        now : float
+            s of the run.
+        heard : float, optional
+            When the IMU's last bytes came, s of the run.
+        temperature : float, optional
+            Of the IMU, K; NaN is none.
+        """
+        for (name, following, fastest), axis in zip(self._axes, state.axes, strict=True):
+            # One reading alone is not believed: nothing checks its digits on the way.
+            error, rate = abs(axis.following_error), abs(axis.rate)
+            if self._lasts(f"error {name}", error > following, now):
+                return (
+                    f"axis {name}: following error {degrees(error):.3g}°, more than {_SHARE:.0%} "
+                    "of that at which the servo gives up"
+                )
+            if self._lasts(f"rate {name}", rate > fastest, now):
+                return (
+                    f"axis {name}: it turns at {degrees(rate):.4g} °/s; its limit is "
+                    f"{degrees(fastest / _BEYOND):.4g} °/s"
+                )
+        stands, self._time = state.time == self._time, state.time
+        if self._lasts("clock", stands, now, _HANGS):
+            return f"the controller hangs: its clock has stood at {state.time:.3f} s"
+        if heard is not None and now - heard > self._silence:
+            return f"the IMU has been silent for {now - heard:.2f} s"
+        if self._temperature and temperature is not None and isfinite(temperature):
+            low, high = self._temperature
+            if self._lasts("temperature", not low <= temperature <= high, now, _WARM):
+                return (
+                    f"the IMU is at {temperature - _ZERO:.1f} °C; possible: {low - _ZERO:.1f} to "
+                    f"{high - _ZERO:.1f} °C"
+                )
+        return None
+
+    def against_gyros(self, track: Track) -> str | None:
+        """Return where gyros and readback tell different rates.
+
+        Parameters
+        ----------
+        track : Track
+            Of one trial, that follows the one shown before.
+        """
+        if not self._inputs.size or not track.time.size:
+            return None
+        time, reading, angles = track.time, track.reading[:, self._gyros], track.angles
+        if self._tail:
+            time = np.concatenate([self._tail[0], time])
+            reading = np.concatenate([self._tail[1], reading])
+            angles = np.concatenate([self._tail[2], angles])
+        h = half_window(time) if time.size > 1 else 1
+        self._tail = time[-2 * h :], reading[-2 * h :], angles[-2 * h :]
+        if time.size <= 2 * h:
+            self._tail = time, reading, angles
+            return None
+        table, read = of_table(self._bench, time, angles), of_gyros(time, reading)
+        left = read.rate - table.rate @ self._inputs.T
+        most = _APART + _OF_RATE * np.linalg.norm(table.rate, axis=-1)
+        apart = (np.linalg.norm(left, axis=-1) > most) & table.whole
+        first = table.time[0] if np.isnan(self._agreed) else self._agreed
+        agreed = np.maximum.accumulate(np.where(apart, first, table.time))
+        self._agreed = float(agreed[-1])
+        at = np.flatnonzero(apart & (table.time - agreed >= _LASTING))
+        if not at.size:
+            return None
+        turned = (angles[2 * h :] - angles[: -2 * h]) / (time[2 * h :] - time[: -2 * h])[:, None]
+        return self._words(angles[h:-h][at], turned[at], left[at])
+
+    def _words(self, angles: Array, turned: Array, left: Array) -> str:
+        """Name the axis that explains what is left between gyros and readback, (n, g)."""
+        zero = np.zeros_like(angles)
+        earth = motion(self._bench, angles, zero, zero, {}).w
+        total = float(np.sum(left**2))
+        found: list[tuple[str, float, float]] = []
+        for i, name in enumerate(self._bench.names):
+            unit = np.zeros_like(angles)
+            unit[:, i] = 1
+            along = (motion(self._bench, angles, unit, zero, {}).w - earth) @ self._inputs.T
+            own = np.sum(along * left, axis=-1) / np.maximum(np.sum(along**2, axis=-1), 1e-12)
+            if np.sum((left - along * own[:, None]) ** 2) <= _EXPLAINED * total:
+                found.append((name, float(np.mean(turned[:, i])), float(np.mean(own))))
+        if not found:
+            size = degrees(np.sqrt(total / len(left)))
+            return (
+                f"gyros and readback differ by {size:.3g} °/s about none of the table's axes; "
+                "is the IMU mounted as the run file says?"
+            )
+        names = " or ".join(name for name, _, _ in found)
+        _, said, beyond = found[0]
+        does = "stands" if abs(said) < _STANDS else f"turns at {degrees(said):.3g} °/s"
+        return (
+            f"axis {names}: the encoder {does} while the gyros turn at "
+            f"{degrees(said + beyond):.3g} °/s"
+        )
+
+    def _lasts(self, what: str, wrong: bool, now: float, most: float = 0.0) -> bool:
+        """Tell whether something has been wrong for longer than `most` s."""
+        if not wrong:
+            self._since.pop(what, None)
+            return False
+        return now - self._since.setdefault(what, now) > most
