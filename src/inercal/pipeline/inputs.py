@@ -17,6 +17,8 @@ from inercal.segments import FoundRests
 from inercal.sensors import Sensor
 from inercal.units import factor, parse
 
+HOLD = "hold"  # among what a bench reads back: numbers of its holds
+
 
 @dataclass(frozen=True, eq=False)
 class Gathered:
@@ -172,6 +174,8 @@ def readback_columns(run: Run) -> dict[str, str]:
     if isinstance(run.bench, Turntable):
         names = run.bench.names
         found |= dict(zip(names, map(unsigned, data.table or names), strict=True))
+        if data.hold is not None:
+            found[HOLD] = str(data.hold)
     return found
 
 
@@ -193,7 +197,7 @@ def readback_units(run: Run) -> dict[str, float]:
         raise InputError(f"{key}: {error}") from None
     if size <= 0:
         raise InputError(f"{key}: {rate!r} must be positive")
-    sizes = {"arm_rate": size}
+    sizes = {"arm_rate": size, HOLD: 1.0}
     for key, names in (
         ("attitude_unit", ("psi", "theta")),
         ("angle_unit", ("angle",)),

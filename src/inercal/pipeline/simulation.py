@@ -20,7 +20,15 @@ from inercal.benches.turntable_run import (
 from inercal.errors import InputError
 from inercal.motion import Motion
 from inercal.pipeline.by_hand import nominal
-from inercal.pipeline.inputs import columns, limits, readback_columns, readback_units, turned_round
+from inercal.pipeline.inputs import (
+    HOLD,
+    columns,
+    limits,
+    readback_columns,
+    readback_units,
+    turned_round,
+)
+from inercal.pipeline.turntable.run import settling
 from inercal.plan import Index, Position, Rotation, Spin, TableStep
 from inercal.recording import Recording
 from inercal.runfile import Run, read
@@ -108,6 +116,8 @@ def _simulated(
     elif isinstance(bench, Turntable):
         done, said = perform_on_turntable(bench, _on_turntable(run), rate, rng, several)
         readback = said if trials else {name: values[0] for name, values in said.items()}
+        if run.data.hold is not None:
+            readback[HOLD] = np.zeros_like(readback[bench.names[0]]) + _holds(run, bench, done)
     else:
         indexed = [step for step in run.steps if isinstance(step, Index)]
         on_head = perform_on_head(bench, indexed, sensor.channels, rate, rng, several)
@@ -157,6 +167,16 @@ def _spins(run: Run) -> list[Spin]:
 
 def _on_turntable(run: Run) -> list[TableStep]:
     return [step for step in run.steps if isinstance(step, Position | Rotation)]
+
+
+def _holds(run: Run, bench: Turntable, done: Performance) -> np.ndarray:
+    """Return the number of the hold that each sample is in, as a bench host writes it, (n,)."""
+    number = np.full(done.time.size, -1.0)
+    for k, step in enumerate(one for one in _on_turntable(run) if isinstance(one, Position)):
+        time = done.time[done.labels == step.label]
+        aside = settling(bench)
+        number[(done.time >= time[0] + aside) & (done.time <= time[-1] - aside)] = k
+    return number
 
 
 def _seconds(run: Run) -> float:

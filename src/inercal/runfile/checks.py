@@ -35,6 +35,7 @@ _OWN: Mapping[str, tuple[type[Bench], ...]] = {  # keys of [data] that belong to
     "level": (DividingHead,),
     "table": (Turntable,),
     "table_file": (Turntable,),
+    "hold": (Turntable,),
 }
 _TRIAD = ("x", "y", "z")
 

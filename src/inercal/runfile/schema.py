@@ -204,6 +204,12 @@ class DataSection(_Section):
     )
     table_time: str | int | None = Field(None, description="in that file: column of time")
     table_time_unit: str = "s"
+    hold: str | int | None = Field(
+        None,
+        description="on a turntable: column of the number of each hold, negative elsewhere, that "
+        "a bench host wrote; holds are then not sought",
+        examples=["hold"],
+    )
 
     @model_validator(mode="after")
     def _clocks_have_a_column(self) -> "DataSection":
@@ -218,6 +224,11 @@ class DataSection(_Section):
         if self.table_file is not None and self.table_time is None:
             raise ValueError(
                 'table_file goes with table_time, its column of time, such as table_time = "time"'
+            )
+        if self.table_file is not None and self.hold is not None:
+            raise ValueError(
+                "hold is a column that a bench host writes beside the readback; with table_file "
+                "leave it out"
             )
         return self
 

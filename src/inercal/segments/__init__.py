@@ -10,7 +10,13 @@ from inercal.segments.marks import check_marks, marks_from_labels
 from inercal.segments.passages import between_rests
 from inercal.segments.rests import FoundRests, find_rests
 from inercal.segments.stands import find_stands, left_out
-from inercal.segments.table_steps import Turned, find_holds, find_turns
+from inercal.segments.table_steps import (
+    Turned,
+    find_holds,
+    find_turns,
+    long_enough,
+    numbered_holds,
+)
 
 __all__ = [
     "FoundRests",
@@ -29,7 +35,9 @@ __all__ = [
     "find_turns",
     "held",
     "left_out",
+    "long_enough",
     "marks_from_labels",
+    "numbered_holds",
     "observe",
     "scatter",
     "unflawed",

@@ -92,8 +92,18 @@ def find_holds(
     parted = np.diff(time) > _APART
     if labels is not None:
         parted |= (labels[1:] != labels[:-1]) & (labels[1:] != "") & (labels[:-1] != "")
-    found = _runs(settled, parted)
-    return found[time[found[:, 1] - 1] - time[found[:, 0]] >= _LEAST * (1 - 1e-3)]
+    return long_enough(time, _runs(settled, parted))
+
+
+def long_enough(time: Array, holds: Indices) -> Indices:
+    """Return the holds (h, 2), samples from and to, that last a second."""
+    return holds[time[holds[:, 1] - 1] - time[holds[:, 0]] >= _LEAST * (1 - 1e-3)]
+
+
+def numbered_holds(time: Array, number: Array) -> Indices:
+    """Return the holds, (h, 2), of samples (n,) that state theirs; negative is none."""
+    parted = (np.diff(time) > _APART) | (number[1:] != number[:-1])
+    return _runs(number >= 0, parted)
 
 
 def _runs(wanted: NDArray[np.bool_], parted: NDArray[np.bool_]) -> Indices:

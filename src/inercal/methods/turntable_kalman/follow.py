@@ -1,8 +1,7 @@
 """Both filters over one track, and the estimate that they make together."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import chain
-from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,35 +11,20 @@ from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian
 from inercal.methods.turntable import model
 from inercal.methods.turntable.model import ARCSEC
-from inercal.methods.turntable_kalman.accelerometers import STILL, Accelerometers
-from inercal.methods.turntable_kalman.gyros import Gyros
 from inercal.methods.turntable_kalman.innovations import Filtered, excess, group, least, told
+from inercal.methods.turntable_kalman.ways import (
+    WAYS,
+    Way,
+    accelerometers_filter,
+    gyros_filter,
+    observed,
+    of_accelerometers,
+    of_gyros,
+)
 from inercal.recording import Observations, Track
 from inercal.sensors import Sensor
 
 Array = NDArray[np.float64]
-_SOURCES_STILL = 1e-3  # m/s
-
-
-class Way(NamedTuple):
-    """Which states the filters have, and how far attitude and velocity at rest are trusted."""
-
-    drifting: bool
-    table: bool  # right angles and harmonics in the gyros' filter
-    holding_table: Literal["whole", "lean", "exact"]  # in the accelerometers'
-    source: tuple[float, float] | None  # rad, of the attitude in each filter; None is the bench's
-    still: float  # m/s
-
-    def readback(self, bench: Turntable) -> tuple[float, float | None]:
-        """Return what the gyros' and the accelerometers' filter take of the readback, rad."""
-        return self.source or (max(bench.white, model.FLOOR), None)
-
-
-WAYS: Mapping[str, Way] = {
-    "full": Way(True, True, "whole", None, STILL),
-    "drift": Way(True, False, "lean", (4 * ARCSEC, ARCSEC), _SOURCES_STILL),
-    "paper": Way(False, False, "exact", (10 * ARCSEC, 10 * ARCSEC), _SOURCES_STILL),
-}
 
 
 def gyros(
@@ -53,18 +37,13 @@ def gyros(
     smooth: bool = False,
 ) -> Filtered:
     """Run the gyros' filter over one trial's track, and back where that is wanted."""
-    readback, p = way.readback(bench)[0], len(sensor.only("w").coefficients)
-    made = Gyros.of(
-        sensor, bench, track, priors,
-        drifting=way.drifting, table=way.table, readback=readback,
-    )  # fmt: skip
+    made = gyros_filter(sensor, bench, track, way, priors)
     state, course = made.step(made.start(track), track, made.varying if smooth else ())
-    value = state.x[3:].copy()
-    value[:p] += state.theta
+    found = of_gyros(made, state)
     return Filtered(
-        made.part, course.names, value, state.p[3:, 3:], course,
-        state.nis, 3 * state.epochs, least(track), "rad",
-        _blind(readback if way.source else None), np.zeros((p, p)),
+        made.part, course.names, found.value, found.covariance, course,
+        state.nis, observed(made) * state.epochs, least(track), "rad",
+        _blind(made.readback if way.source else None), found.shared,
     )  # fmt: skip
 
 
@@ -78,25 +57,13 @@ def accelerometers(
     smooth: bool = False,
 ) -> Filtered:
     """Run the accelerometers' filter over one trial's track, and back where that is wanted."""
-    readback = way.readback(bench)[1]
-    made = Accelerometers.of(
-        sensor, bench, track, priors,
-        drifting=way.drifting, table=way.holding_table, readback=readback, still=way.still,
-    )  # fmt: skip
+    made = accelerometers_filter(sensor, bench, track, way, priors)
     state, course = made.step(made.start(track), track, made.varying if smooth else ())
-    p, g = len(made.first), bench.gravity
-    value = state.x[6:].copy()
-    value[:p] = state.theta
-    along = model.of_gravity(made.part) * g.sd / g.value
-    shared = np.outer(along, along)
-    # At rest a readback that is stated as exact is: what it leaves of the floor tests nothing.
-    components = 3 if readback is None and bench.white == 0 else 5
-    covariance = state.p[6:, 6:].copy()
-    covariance[:p, :p] += shared
+    found = of_accelerometers(made, state)
     return Filtered(
-        made.part, course.names, value, covariance, course,
-        state.nis, components * state.epochs, least(track), "m/s", _blind(readback),
-        shared,
+        made.part, course.names, found.value, found.covariance, course,
+        state.nis, observed(made) * state.epochs, least(track), "m/s", _blind(made.readback),
+        found.shared,
     )  # fmt: skip
 
 
@@ -127,7 +94,7 @@ def followed(
     if track is None:
         raise InputError("the filters follow a recording; means of positions are not enough")
     kinds = {axis.measures for axis in sensor.axes}
-    priors = _apart(sensor, priors)
+    priors = apart(sensor, priors)
     runs = [run for kind, run in (("w", gyros), ("f", accelerometers)) if kind in kinds]
     lead = track.reading.shape[:-2]
     trials = [
@@ -176,8 +143,14 @@ def followed(
     )
 
 
-def _apart(sensor: Sensor, priors: Sequence[Gaussian]) -> list[Gaussian]:
-    """Return priors by triad; one that correlates both is refused: each filter has its own."""
+def apart(sensor: Sensor, priors: Sequence[Gaussian]) -> list[Gaussian]:
+    """Return priors by triad: each filter has its own.
+
+    Raises
+    ------
+    InputError
+        One that correlates both.
+    """
     own = [sensor.only(kind).coefficients for kind in ("f", "w")]
     made: list[Gaussian] = []
     for prior in priors:
@@ -262,3 +235,6 @@ def _together(
         # Innovations say nothing of an error that all of them share.
         covariance[np.ix_(first, first)] -= (ratio - 1) * one.shared
     return value, covariance, sum(one.nis for one in parts)
+
+
+__all__ = ["WAYS", "accelerometers", "apart", "followed", "gyros"]

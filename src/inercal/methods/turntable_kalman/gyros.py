@@ -90,6 +90,7 @@ class Gyros:
         drifting: bool = True,
         table: bool = True,
         readback: float = 4 * ARCSEC,
+        lasting: float | None = None,
     ) -> "Gyros":
         """Return the filter, with the biases' first values from the rest that a track begins with.
 
@@ -106,6 +107,8 @@ class Gyros:
         readback : float
             rad. 4″ hold what the readback's noise, and rates taken as linear between samples at
             100 Hz, are off by.
+        lasting : float, optional
+            s that the run takes at most; as long as the track where it is left out.
 
         Raises
         ------
@@ -122,7 +125,7 @@ class Gyros:
             # A lean turns all attitudes alike: φ at the start holds it.
             known = ("lean_x", "lean_y", *_DRIVEN)
             wanted += [q for q in seen if q.sd > 0 and q.name not in known]
-        lag, kept = _waiting(bench, track, bench.latency.sd if drifting else 0.0)
+        lag, kept = _waiting(bench, track, bench.latency.sd if drifting else 0.0, lasting)
         return cls(part, bench, prior, first, tuple(wanted), readback, lag, kept)
 
     @property
@@ -240,7 +243,7 @@ class Gyros:
         return np.array([first + names.index(n) if n in names else -1 for n in _DRIVEN])
 
 
-def _waiting(bench: Turntable, track: Track, sd: float) -> tuple[int, int]:
+def _waiting(bench: Turntable, track: Track, sd: float, lasting: float | None) -> tuple[int, int]:
     """Return by how many samples readback waits for the IMU, and how many attitudes are kept.
 
     Parameters
@@ -249,9 +252,12 @@ def _waiting(bench: Turntable, track: Track, sd: float) -> tuple[int, int]:
     track : Track
     sd : float
         Of the latency, s.
+    lasting : float or None
+        Of the run, s; None is the track's own.
     """
     late, step = bench.latency.value, float(np.median(np.diff(track.time)))
-    lasting = float(track.time[-1] - track.time[0])
+    if lasting is None:
+        lasting = float(track.time[-1] - track.time[0])
     ahead = _SURELY * sd - late
     # A sample beyond the delay's own time serves to tell how the way bends there.
     lag = ceil(ahead / step - 1e-9) + 1 if sd > 0 or late != 0 else 0

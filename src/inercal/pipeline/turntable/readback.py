@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from inercal.benches import Turntable
 from inercal.errors import InputError
 from inercal.io.read import Columns, read_readback
-from inercal.pipeline.inputs import of_readback, readback_units
+from inercal.pipeline.inputs import HOLD, of_readback, readback_units
 from inercal.pipeline.turntable.clock import FURTHEST, Aligned, NotAlike, aligned
 from inercal.recording import Recording
 from inercal.runfile import Run
@@ -80,6 +80,11 @@ def with_angles(run: Run, recording: Recording, bench: Turntable) -> Read:
     """
     sizes = readback_units(run)
     if run.data.table_file is None:
+        if run.data.hold is not None:
+            # A bench host has counted turns on, over outages too.
+            counted = {name: recording.readback[name] * sizes[name] for name in bench.names}
+            counted[HOLD] = recording.readback[HOLD]
+            return Read(replace(recording, readback=counted), bench)
         said = _counted_on(recording.readback, bench, sizes)
         return Read(replace(recording, readback=said), bench)
     table = _read(run)

@@ -13,6 +13,7 @@ from inercal.errors import InputError
 from inercal.methods.turntable.model import COARSE, GAP
 from inercal.methods.turntable_kalman import METHOD as KALMAN
 from inercal.pipeline.inputs import (
+    HOLD,
     Gathered,
     load_recording,
     readback_columns,
@@ -35,7 +36,14 @@ from inercal.pipeline.turntable.slips import slipped
 from inercal.plan import Position, Rotation, TableStep
 from inercal.recording import Finding, Mark, Recording, Track
 from inercal.runfile import Run
-from inercal.segments import Turned, find_holds, find_turns, observe
+from inercal.segments import (
+    Turned,
+    find_holds,
+    find_turns,
+    long_enough,
+    numbered_holds,
+    observe,
+)
 from inercal.units import readable
 
 Array = NDArray[np.float64]
@@ -62,15 +70,18 @@ def gather(run: Run, bench: Turntable) -> Gathered:
     try:
         read = with_angles(run, recording, bench)
     except NotAlike as error:
-        holds = find_holds(recording.time, error.angles, None, _settling(bench))
+        holds = find_holds(recording.time, error.angles, None, settling(bench))
         _checked(run, _track(run, recording, error.angles, holds), bench, alike=False)
         raise  # what the checks know better they have said
     recording, bench = read.recording, read.bench
     angles = np.stack([recording.readback[name] for name in bench.names], axis=-1)
-    named = tuple(readback_columns(run).values())
+    named = tuple(readback_columns(run)[name] for name in bench.names)
     if read.clock is None:
         require_readback(str(run.path), recording, angles, named)
-    holds = find_holds(recording.time, angles, recording.labels, _settling(bench))
+    if HOLD in recording.readback:
+        holds = _stated(run, recording)
+    else:
+        holds = find_holds(recording.time, angles, recording.labels, settling(bench))
     if not len(holds):
         raise InputError(
             f"{recording.source}: by its readback the table rests nowhere for a second: look at "
@@ -86,7 +97,7 @@ def gather(run: Run, bench: Turntable) -> Gathered:
         *_checked(run, track, bench),
     )
     turns = find_turns(recording.time, angles, recording.labels)
-    marks, steps, own = _steps(run, recording, angles, holds, turns)
+    marks, steps, own = _steps(run, recording, angles, long_enough(recording.time, holds), turns)
     findings += against_plan(steps, own, run)
     observations = observe(recording, run.sensor, marks, steps, found=True)
     return Gathered(
@@ -173,7 +184,28 @@ def _require_near(run: Run, bench: Turntable) -> None:
         )
 
 
-def _settling(bench: Turntable) -> float:
+def _stated(run: Run, recording: Recording) -> Indices:
+    """Return the holds that the recording itself numbers.
+
+    Raises
+    ------
+    InputError
+        Numbers that are not whole, or none.
+    """
+    number = recording.readback[HOLD]
+    if (number != np.round(number)).any():
+        k = int(np.argmax(number != np.round(number)))
+        raise InputError(
+            f"{run.path}: [data] hold: {number[k]:.6g} in {recording.where(k)}: numbers of holds "
+            "are whole, and negative where the table moves"
+        )
+    found = numbered_holds(recording.time, number)
+    if not len(found):
+        raise InputError(f"{run.path}: [data] hold: no sample of {run.data.hold!r} is in a hold")
+    return found
+
+
+def settling(bench: Turntable) -> float:
     """Return how long the table is taken to settle, s; the readback may be late besides."""
     return _SETTLING + abs(bench.latency.value) + 2 * bench.latency.sd
 

@@ -1,0 +1,271 @@
+"""The IMU's packets, in the order of its own clock."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
+from itertools import pairwise
+from math import inf
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.errors import InputError
+from inercal.host.assembly.clocks import FIRST, turns
+from inercal.host.log import Frame
+from inercal.host.packets import Counts, Decoder, Flag, Layout, Packets
+from inercal.host.packets.picture import AXES
+from inercal.sensors import Sensor
+
+Array = NDArray[np.float64]
+_SILENT, _LONGEST = 0.25, 1.0  # of a turn of the counter, s: beyond that arrival tells turns
+_ROUNDED = 1e-6
+_NONE, _STATUS, _BEYOND = 1, 2, 3
+_FLAWS = {_NONE: "no_number", _STATUS: "bad_status", _BEYOND: "beyond_range"}
+
+
+class Samples(NamedTuple):
+    """Good packets, later ones behind."""
+
+    ticks: Array  # (n,), the counter or clock of the device, counted on; whole numbers are exact
+    output: Array  # (n, m), in output units of the sensor's axes
+    temperature: Array  # (n,) K, NaN where there is none
+
+    def where(self, rows: "NDArray[np.bool_] | slice") -> "Samples":
+        """Return some of them."""
+        return Samples(self.ticks[rows], self.output[rows], self.temperature[rows])
+
+
+class _Rows(NamedTuple):
+    """Packets, with what is wrong with each; 0 is nothing."""
+
+    ticks: Array
+    output: Array
+    temperature: Array
+    flaw: NDArray[np.int64]
+
+    def where(self, rows: "NDArray[np.bool_] | slice") -> "_Rows":
+        return _Rows(self.ticks[rows], self.output[rows], self.temperature[rows], self.flaw[rows])
+
+    def then(self, other: "_Rows") -> "_Rows":
+        return _Rows(
+            np.concatenate([self.ticks, other.ticks]),
+            np.concatenate([self.output, other.output]),
+            np.concatenate([self.temperature, other.temperature]),
+            np.concatenate([self.flaw, other.flaw]),
+        )
+
+
+@dataclass
+class LeftOut:
+    """Packets that are no samples, by kind.
+
+    Parameters
+    ----------
+    repeated, out_of_order : int
+        Of a counter that came before, or that is ahead of those behind it.
+    no_number, bad_status, beyond_range : int
+        No reading; the device says that it is not good; beyond the full scale of the sensor.
+    """
+
+    repeated: int = 0
+    out_of_order: int = 0
+    no_number: int = 0
+    bad_status: int = 0
+    beyond_range: int = 0
+
+
+@dataclass
+class Imu:
+    """What the IMU sent.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        Its axes are those of the packets, in SI.
+    layout : Layout
+    rate_hz : float
+        Samples per second of the device's clock.
+
+    Attributes
+    ----------
+    per_second : float
+        Ticks.
+    offset : float or None
+        The host's time minus the IMU's, s, the least of the first packets; None before.
+    left_out : LeftOut
+    waiting : list of Samples
+        In order, to be taken.
+
+    Raises
+    ------
+    InputError
+        A layout without counter and time, of another rate, or without an axis of the sensor.
+    """
+
+    sensor: Sensor
+    layout: Layout
+    rate_hz: float
+    offset: float | None = None
+    left_out: LeftOut = field(default_factory=LeftOut)
+    waiting: list[Samples] = field(default_factory=list[Samples])
+
+    def __post_init__(self) -> None:
+        layout, rate = self.layout, self.rate_hz
+        roles = {one.role for one in layout.frames[0].fields}
+        if layout.rate_hz is not None and abs(layout.rate_hz / rate - 1) > _ROUNDED:
+            raise InputError(
+                f"packets of {layout.name!r} come at {layout.rate_hz:g} Hz; [data] rate is "
+                f"{rate:g} Hz"
+            )
+        if layout.sequence == "counter":
+            self.per_second = rate * (layout.step or 1.0)
+            self._wraps = float(layout.wraps.get("counter", 0)) or inf
+        elif "time" in roles:
+            self.per_second = 1.0
+            self._wraps = (layout.wraps.get("time", 0) * layout.time.size) or inf
+        else:
+            raise InputError(
+                f"packets of {layout.name!r} have neither counter nor time: what is lost of them "
+                "cannot be known"
+            )
+        missing = [name for name in self._roles if name not in roles]
+        if missing:
+            raise InputError(f"packets of {layout.name!r} have no {', '.join(missing)}")
+        self._columns = [AXES.index(name) for name in self._roles]
+        ends = [one.readout.full_scale for one in self.sensor.axes]
+        self._ends = np.array([inf if end is None else end * (1 + _ROUNDED) for end in ends])
+        self._zeros = np.array([one.readout.offset for one in self.sensor.axes])
+        self._decoder = Decoder(layout, mid_stream=True)
+        self._before = Counts()
+        self._held: _Rows | None = None
+        self._last = -inf
+        self._begun, self._least = -inf, inf
+        self._heard, self._added, self._tie = 0.0, 0.0, False
+
+    @property
+    def _roles(self) -> list[str]:
+        """The packets' names of the sensor's axes: ax … gz."""
+        kinds = {"f": iter("xyz"), "w": iter("xyz")}
+        return [
+            ("a" if one.measures == "f" else "g") + next(kinds[one.measures])
+            for one in self.sensor.axes
+        ]
+
+    @property
+    def counts(self) -> Counts:
+        """What became of the bytes of all sessions."""
+        now = self._decoder.counts
+        both = ((one.name, getattr(self._before, one.name)) for one in fields(Counts))
+        return Counts(**{name: before + getattr(now, name) for name, before in both})
+
+    def session(self) -> None:
+        """Begin to decode anew: of what came in between nothing is known."""
+        self._before = self.counts
+        self._decoder = Decoder(self.layout, mid_stream=True)
+        if self.offset is None:
+            self._held, self._last, self._least, self._begun = None, -inf, inf, -inf
+            self.waiting.clear()
+            return
+        if self._held is not None and self._held.ticks[0] > self._last:
+            self._keep(self._held)
+        self._held, self._tie = None, True
+
+    def feed(self, frames: Sequence[Frame]) -> None:
+        """Take in what came in one session.
+
+        Raises
+        ------
+        InputError
+            A counter that began anew.
+        """
+        silence = min(_SILENT * self._wraps / self.per_second, _LONGEST)
+        together: list[bytes] = []
+        for frame in frames:
+            if not frame.payload:
+                continue
+            if self.offset is not None and frame.time - self._heard > silence:
+                self._tie = True
+            if self.offset is None or self._tie:
+                self._take(self._decoder.feed(b"".join(together)))
+                together.clear()
+                self._one(frame)
+            else:
+                together.append(frame.payload)
+            if not self._tie:
+                self._heard = frame.time
+        if together:
+            self._take(self._decoder.feed(b"".join(together)))
+
+    def _one(self, frame: Frame) -> None:
+        """Take in a frame whose time of arrival matters."""
+        packets = self._decoder.feed(frame.payload)
+        if not len(packets):
+            return
+        newest = float(self._ticks(packets)[-1]) / self.per_second
+        if self.offset is None:
+            if self._begun == -inf:
+                self._begun = frame.time
+            if frame.time < self._begun + FIRST:
+                self._least = min(self._least, frame.time - newest)
+            else:
+                self.offset = self._least
+        elif self._tie:
+            behind = frame.time - self.offset - newest
+            outage = frame.time - self._heard
+            added = turns(behind, self._wraps / self.per_second, outage, "the IMU")
+            self._added += added * self.per_second
+            self._tie = False
+        self._take(packets)
+
+    def _ticks(self, packets: Packets) -> Array:
+        if self.layout.sequence == "counter" and packets.counter is not None:
+            return packets.counter.astype(np.float64) + self._added
+        return np.zeros(len(packets)) if packets.time is None else packets.time + self._added
+
+    def _take(self, packets: Packets) -> None:
+        """Keep what is in order and good; the last packet waits for the one behind it."""
+        if not len(packets):
+            return
+        output = self.sensor.to_output(packets.readings[:, self._columns])
+        with np.errstate(invalid="ignore"):
+            flaw = np.where((np.abs(output - self._zeros) <= self._ends).all(axis=-1), 0, _BEYOND)
+        flaw[packets.flags & Flag.STATUS != 0] = _STATUS
+        flaw[~np.isfinite(output).all(axis=-1)] = _NONE
+        rows = _Rows(self._ticks(packets), output, packets.temperature, flaw)
+        if self._held is not None:
+            rows = self._held.then(rows)
+        self._held = rows.where(slice(-1, None))
+        self._keep(rows.where(self._in_order(rows.ticks)))
+
+    def _keep(self, rows: _Rows) -> None:
+        """Count flaws, and let samples without one wait."""
+        if not rows.ticks.size:
+            return
+        self._last = float(rows.ticks[-1])
+        if rows.flaw.any():
+            for flaw, name in _FLAWS.items():
+                count = getattr(self.left_out, name) + int(np.sum(rows.flaw == flaw))
+                setattr(self.left_out, name, count)
+            rows = rows.where(rows.flaw == 0)
+        if rows.ticks.size:
+            self.waiting.append(Samples(rows.ticks, rows.output, rows.temperature))
+
+    def _in_order(self, ticks: Array) -> "NDArray[np.bool_] | slice":
+        """Return which are later than all before, the last one aside.
+
+        One that is ahead of the next, which is later than all before it, has a false counter.
+        """
+        if ticks[0] > self._last and (ticks[1:] > ticks[:-1]).all():
+            return slice(0, -1)
+        kept = np.zeros(ticks.size, np.bool_)
+        last = self._last
+        for k, (one, after) in enumerate(pairwise(ticks.tolist())):
+            if one <= last:
+                name = "repeated" if one == last else "out_of_order"
+            elif last < after < one:
+                name = "out_of_order"
+            else:
+                kept[k], last = True, one
+                continue
+            setattr(self.left_out, name, getattr(self.left_out, name) + 1)
+        return kept

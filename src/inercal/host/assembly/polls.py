@@ -1,0 +1,163 @@
+"""The table's polls, and its angles between them.
+
+A cubic goes through the four polls about a time, unevenly apart as they are; beside a gap and at
+the first poll a parabola through three, or a line. Across a gap there is nothing, unless the table
+stood still on both sides.
+"""
+
+from collections.abc import Sequence
+from math import inf, isfinite
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.errors import InputError
+from inercal.host.assembly.clocks import FIRST, turns
+from inercal.host.log import Frame
+from inercal.host.states import polls
+
+Array = NDArray[np.float64]
+_FAR = 2.5  # polls, a gap
+_RESTED = 5.0  # s of a gap through which a table is taken to stand that stood on both sides
+_SAME = 5e-5  # rad, 10″
+
+
+class Known(NamedTuple):
+    """Polls in the order of time; the oldest are let go."""
+
+    time: Array  # (n,) s by the table's clock, counted on
+    angle: Array  # (n, k) rad
+    settled: NDArray[np.bool_]  # (n,)
+
+    def where(self, rows: "NDArray[np.bool_] | slice") -> "Known":
+        """Return some of them."""
+        return Known(self.time[rows], self.angle[rows], self.settled[rows])
+
+    def then(self, other: "Known") -> "Known":
+        """Return these and later ones."""
+        return Known(
+            np.concatenate([self.time, other.time]),
+            np.concatenate([self.angle, other.angle]),
+            np.concatenate([self.settled, other.settled]),
+        )
+
+
+class Table:
+    """What the table said of itself.
+
+    Parameters
+    ----------
+    poll : float
+        s between polls.
+
+    Attributes
+    ----------
+    known : Known or None
+        Polls; None before the first.
+    offset : float or None
+        The host's time minus the table's, s: the least of the first polls; None before.
+    turns : float
+        What is added to the table's own times, s: its clock may have begun again in an outage.
+    left_out : int
+        Polls that were not later than the one before.
+    """
+
+    def __init__(self, poll: float):
+        self.known: Known | None = None
+        self.offset: float | None = None
+        self.left_out = 0
+        self._gap = _FAR * poll
+        self._begun, self._least = 0.0, inf
+        self._wraps, self._tie = inf, False
+        self.turns = 0.0
+
+    @property
+    def last(self) -> float:
+        """Time of the last poll, s; −∞ before the first."""
+        return -inf if self.known is None else float(self.known.time[-1])
+
+    def session(self, wraps: float) -> None:
+        """Expect a clock that may have begun anew at each `wraps` s (infinite: never)."""
+        self._wraps = wraps
+        if self.offset is None:
+            self.known, self._least = None, inf
+        else:
+            self._tie = True
+
+    def feed(self, frames: Sequence[Frame]) -> None:
+        """Take in polls of one session.
+
+        Raises
+        ------
+        InputError
+            A clock that began anew.
+        """
+        if not frames:
+            return
+        came = polls([frame.payload for frame in frames])
+        heard = np.array([frame.time for frame in frames])
+        time = np.where(np.isfinite(came.time), came.time, heard)
+        if self._tie and self.offset is not None:
+            outage = float(heard[0]) - self.offset - self.last
+            self.turns = turns(
+                float(heard[0]) - self.offset - float(time[0]), self._wraps, outage, "the table"
+            )
+            self._tie = False
+        time = time + self.turns
+        later = time > np.maximum.accumulate(np.concatenate([[self.last], time[:-1]]))
+        self.left_out += int(np.sum(~later))
+        kept = Known(time, came.angle, came.settled).where(later)
+        if self.offset is None:
+            self._match(heard, time)
+        if self.known is None:
+            self.known = kept if kept.time.size else None
+            return
+        self.known = self.known.then(kept)
+
+    def _match(self, heard: Array, time: Array) -> None:
+        """Look for the least difference of the clocks among the first polls."""
+        if not isfinite(self._least):
+            self._begun = float(heard[0])
+        early = heard < self._begun + FIRST
+        self._least = min(self._least, float(np.min((heard - time)[early], initial=inf)))
+        if not early.all():
+            self.offset = self._least
+
+    def forget(self, before: float) -> None:
+        """Let go of polls that no time from `before` on needs."""
+        if self.known is not None:
+            first = int(np.searchsorted(self.known.time, before, "right")) - 2
+            if first > 0:
+                self.known = self.known.where(slice(first, None))
+
+    def angles(self, time: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Return angles at times (n,), (n, k) rad, and which are known.
+
+        Two polls or more must be later than any of the times.
+        """
+        if self.known is None:
+            raise InputError("no poll of the table yet")
+        x, y, settled = self.known
+        at = np.searchsorted(x, time, "right") - 1
+        there = at >= 0
+        at = np.maximum(at, 0)
+        step = x[at + 1] - x[at]
+        near = step <= self._gap
+        stood = (step <= _RESTED) & settled[at] & settled[at + 1]
+        stood &= (np.abs(y[at + 1] - y[at]) <= _SAME).all(axis=-1)
+        places = np.stack([np.maximum(at - 1, 0), at, at + 1, at + 2])
+        nodes = x[places]
+        used = np.ones(nodes.shape, np.bool_)
+        used[0] = near & (at > 0) & (nodes[1] - nodes[0] <= self._gap)
+        used[3] = near & (nodes[3] - nodes[2] <= self._gap)
+        found = y[at]
+        base = found.copy()
+        for j in (0, 2, 3):
+            weight = used[j].astype(np.float64)
+            for m in range(4):
+                if m != j:
+                    apart = np.where(used[j] & used[m], nodes[j] - nodes[m], 1.0)
+                    weight = weight * np.where(used[m], (time - nodes[m]) / apart, 1.0)
+            found = found + weight[:, None] * (y[places[j]] - base)
+        return found, there & (near | stood)

@@ -1,0 +1,153 @@
+"""Attitude and velocity by the readings alone, beside what the table says: a check for the eye.
+
+Level frame: east, north, up; C takes the body's frame to it. Between samples the means of their
+readings serve, with the second-order term of coning, as in the gyros' filter. Attitude and velocity
+are taken from the table at the first sample of each hold and after a gap; through a hold the
+velocity stays zero. While the table turns, the readback's latency is in the difference.
+"""
+# Numba's decorator has no types.
+# pyright: reportUntypedFunctionDecorator=false
+
+from math import asin, atan2, degrees
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from inercal.benches.turntable import Turntable
+from inercal.benches.turntable_attitude import reference
+from inercal.methods.turntable.model import ARCSEC, GAP, earth
+from inercal.methods.turntable.strapdown import apart, rotate
+from inercal.recording import Track
+from inercal.sensors import Sensor
+from inercal.sensors.inverse import inverse
+
+Array = NDArray[np.float64]
+
+
+class Navigation(NamedTuple):
+    """Where the readings say that the body is, at one sample.
+
+    Parameters
+    ----------
+    time : float
+        s of the recording.
+    attitude : (3, 3) array
+        C, body to level.
+    roll, pitch, heading : float
+        Degrees; heading of the body's y axis, clockwise from north, pitch of it upward, roll about
+        it.
+    velocity : (3,) array
+        m/s east, north, up since the last hold.
+    apart : (3,) array
+        ″ about east, north and up by which the table's attitude is ahead.
+    holds : bool
+    """
+
+    time: float
+    attitude: Array
+    roll: float
+    pitch: float
+    heading: float
+    velocity: Array
+    apart: Array
+    holds: bool
+
+
+class Navigator:
+    """Follows the body by readings of one IMU on one table.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        Triads of accelerometers and of gyros.
+    bench : Turntable
+    """
+
+    def __init__(self, sensor: Sensor, bench: Turntable):
+        self._sensor, self._bench = sensor, bench
+        self._earth, self._gravity = earth(bench), bench.gravity.value
+        self._c, self._v = np.eye(3), np.zeros(3)
+        self._felt = np.zeros((2, 3))  # f and ω of the sample before
+        self._time, self._hold = -np.inf, -1
+
+    def feed(self, track: Track, values: Array) -> Navigation:
+        """Return where the body is at the last of the samples that follow.
+
+        Parameters
+        ----------
+        track : Track
+            Of one trial, with a sample at least.
+        values : (p,) array
+            The sensor's coefficients by which readings are corrected, SI.
+        """
+        felt = inverse(self._sensor, track.reading, values)
+        before = np.concatenate([[self._time], track.time[:-1]])
+        held = np.concatenate([[self._hold], track.hold[:-1]])
+        gap = track.time - before > GAP
+        anew = np.flatnonzero(gap | ((track.hold >= 0) & (track.hold != held)))
+        aligned = reference(self._bench, track.angles[anew])
+        _follow(
+            track.time, felt.f, felt.w, track.hold, anew, aligned, self._time,
+            self._felt, self._c, self._v, self._earth, self._gravity,
+        )  # fmt: skip
+        self._felt = np.stack([felt.f[-1], felt.w[-1]])
+        self._time, self._hold = float(track.time[-1]), int(track.hold[-1])
+        off = np.empty(3)
+        apart(reference(self._bench, track.angles[-1:])[0], self._c, off)
+        c = self._c.copy()
+        return Navigation(
+            self._time,
+            c,
+            degrees(atan2(-c[2, 0], c[2, 2])),
+            degrees(asin(min(max(c[2, 1], -1.0), 1.0))),
+            degrees(atan2(c[0, 1], c[1, 1])) % 360.0,
+            self._v.copy(),
+            off / ARCSEC,
+            self._hold >= 0,
+        )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _follow(
+    time: Array,
+    f: Array,
+    w: Array,
+    hold: NDArray[np.int64],
+    anew: NDArray[np.int64],
+    aligned: Array,
+    now: float,
+    felt: Array,
+    c: Array,
+    v: Array,
+    earth: Array,
+    gravity: float,
+) -> None:
+    """Carry C and the velocity over samples, in place; at those `anew` C is as `aligned`."""
+    turn, half = np.empty(3), np.empty((3, 3))
+    wanted = 0
+    for i in range(time.size):
+        if wanted < anew.size and anew[wanted] == i:
+            c[:] = aligned[wanted]
+            v[:] = 0.0
+            wanted += 1
+        else:
+            f0 = felt[0] if i == 0 else f[i - 1]
+            w0 = felt[1] if i == 0 else w[i - 1]
+            dt = time[i] - now
+            for k in range(3):
+                a, b = (k + 1) % 3, (k + 2) % 3
+                around = c[0, k] * earth[0] + c[1, k] * earth[1] + c[2, k] * earth[2]
+                coning = w0[a] * w[i, b] - w0[b] * w[i, a]
+                turn[k] = (0.5 * (w0[k] + w[i, k]) - around) * dt + coning * dt * dt / 12
+            half[:] = c
+            rotate(half, 0.5 * turn)
+            rotate(c, turn)
+            for k in range(3):
+                v[k] -= gravity * dt if k == 2 else 0.0
+                for j in range(3):
+                    v[k] += half[k, j] * 0.5 * (f0[j] + f[i, j]) * dt
+            if hold[i] >= 0:
+                v[:] = 0.0
+        now = time[i]
