@@ -97,7 +97,11 @@ def _go(
 
     with working("compiling what a run needs, once on each machine"):
         compiled(folder.run)
-    with viewing() as show, BenchRun(folder, journal, addresses, options, show) as bench, keys(bench):
+    with (
+        viewing() as show,
+        BenchRun(folder, journal, addresses, options, show) as bench,
+        keys(bench),
+    ):
         done = bench.carry_out()
     if not done:
         print(f"inercal: interrupted: {bench.trouble}", file=sys.stderr)

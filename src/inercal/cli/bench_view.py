@@ -16,7 +16,7 @@ _KEYS = "p pause · g go on · Ctrl-C stop"
 
 @contextmanager
 def viewing() -> Generator[Callable[["BenchRun"], None]]:
-    """Give what shows a run: a panel on a terminal, else a line an event; both on standard error."""
+    """Give what shows a run on standard error: a panel on a terminal, else a line an event."""
     from rich.console import Console
     from rich.live import Live
 
@@ -28,7 +28,8 @@ def viewing() -> Generator[Callable[["BenchRun"], None]]:
             nonlocal told
             fresh = min(run.events - told, len(run.said))
             for level, words in list(run.said)[len(run.said) - fresh :]:
-                console.print(f"{run.time:8.1f} s  {level:7}  {words}", markup=False, soft_wrap=True)
+                line = f"{run.time:8.1f} s  {level:7}  {words}"
+                console.print(line, markup=False, soft_wrap=True)
             told = run.events
 
         yield say

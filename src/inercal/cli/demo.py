@@ -26,9 +26,7 @@ def run(
         as_json(result | {"truth": dict(shown.truth)} | dict(shown.files))
         return
     as_table(shown.outcome, shown.truth)
-    print(
-        f"{shown.seconds / 60:.1f} minutes of the bench, {shown.speed:.0f} times as fast as the wall"
-    )
+    print(f"{shown.seconds / 60:.1f} minutes of the bench in {shown.seconds / shown.speed:.0f} s")
     print(f"normalised error squared against the truth: {shown.nees:.2f} (1 is expected)")
     for path in shown.files.values():
         print(f"wrote {path}")

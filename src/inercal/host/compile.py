@@ -1,7 +1,7 @@
 """What a run needs is compiled before anything moves, and not while a table waits.
 
-Cold, that is most of a minute on one core: both filters are compiled at once, in two processes. Once
-that is done, on each machine, they are loaded.
+Cold, that is most of a minute on one core: both filters are compiled at once, in two processes.
+Once that is done, on each machine, they are loaded.
 """
 
 import sys

@@ -1,10 +1,12 @@
 """The folder of a run: the run file and what it names, the raw log, the journal, and what is made.
 
-    plan.toml, path.csv   copies: a run is resumed by these, whatever became of the originals
-    run.log               what the devices said, byte for byte
-    run.journal           what was planned, begun, done and said (SQLite)
-    recording.h5          by the name in [data], at the end
-    plan.calibration.json, plan.report.html
+Files::
+
+plan.toml, path.csv   copies: a run is resumed by these, whatever became of the originals
+run.log               what the devices said, byte for byte
+run.journal           what was planned, begun, done and said (SQLite)
+recording.h5          by the name in [data], at the end
+plan.calibration.json, plan.report.html
 """
 
 import os

@@ -17,7 +17,7 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import ExitStack
 from datetime import datetime
-from math import isfinite
+from math import isfinite, nan
 from queue import SimpleQueue
 from time import monotonic
 from typing import Literal, NamedTuple, Self
@@ -80,6 +80,9 @@ class Options(NamedTuple):
     patience: float = 120.0
 
 
+_ORDINARY = Options()
+
+
 class BenchRun:
     """One run, begun or resumed; a context manager that leaves the table at rest.
 
@@ -106,7 +109,7 @@ class BenchRun:
     live : Live or None
         The filters, where the run file's method is theirs.
     navigation : Navigation or None
-        Attitude and velocity by the corrected readings alone, of an IMU, once the filters are there.
+        Attitude and velocity by an IMU's corrected readings alone, once the filters are there.
     events : int
         How many there were.
     said : deque of (str, str)
@@ -127,7 +130,7 @@ class BenchRun:
         folder: Folder,
         journal: Journal,
         addresses: Addresses,
-        options: Options = Options(),
+        options: Options = _ORDINARY,
         show: Callable[["BenchRun"], None] = lambda run: None,
     ):
         run, bench = folder.run, folder.run.bench
@@ -149,6 +152,7 @@ class BenchRun:
         self._bench = bench
         self._paused: dict[_Why, str] = {}
         self._asked: SimpleQueue[Literal["pause", "go on", "stop"]] = SimpleQueue()
+        self._temperature = nan
         self._unheard, self._worked, self._shown = 0, 0.0, 0.0
         layout = layout_of_address(addresses.imu)
         self.assembly = Assembly.of(run, layout, POLL)
@@ -158,7 +162,9 @@ class BenchRun:
             self._clock = _clock(addresses, options, journal)
             opened.callback(self._clock.close)
             self._table = opened.enter_context(open_table(addresses.table, bench))
-            self._interlocks = Interlocks(bench, self._table.limits, options.temperature)
+            self._interlocks = Interlocks(
+                self._table.limits, bench, run.sensor, options.temperature
+            )
             now, clock = self._clock.now(), self._clock
             self._imu = Listening(lambda: open_imu(addresses.imu, clock.now), Tick(now, 0, now))
             opened.callback(self._imu.close)
@@ -272,7 +278,7 @@ class BenchRun:
         """Show the sequencer a state of the table, and do what it says."""
         if self.sequencer.over:
             return
-        words = self._interlocks.check(state, self.time)
+        words = self._interlocks.check(state, self.time, temperature=self._temperature)
         if words is not None:
             self._end(words)
             return
@@ -354,7 +360,12 @@ class BenchRun:
         except InputError as error:
             self._end(str(error))
             return
-        if block is None or self.live is None:
+        if block is None:
+            return
+        self._temperature = float(block.temperature[-1])
+        if (words := self._interlocks.against_gyros(block.track)) is not None:
+            self._end(words)
+        if self.live is None:
             return
         try:
             self.live.feed(block)

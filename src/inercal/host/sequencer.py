@@ -148,8 +148,8 @@ class Sequencer:
         Raises
         ------
         TableFault
-            An axis that says a fault, loses its servo, comes to rest elsewhere than where it was sent,
-            or does not arrive in time.
+            An axis that says a fault, loses its servo, does not arrive in time, or comes to rest
+            elsewhere than where it was sent.
         """
         if self.over or self.phase == "paused":
             return []

@@ -161,7 +161,8 @@ class Accelerometers:
         epochs = strapdown.due_in_holds(
             track.time, track.hold, model.PERIOD * (1 - 1e-6), after.time[1], after.hold[0]
         )
-        angles = track.angles[epochs]
+        # One order in memory, so that kernels are compiled once.
+        angles = np.ascontiguousarray(track.angles[epochs])
         history = np.zeros((epochs.size, 6 + 2 * state.x.size))
         steps = room(self.states, smooth, epochs.size, 6, 5)
         nis = _accelerometers.accelerometers(

@@ -187,7 +187,7 @@ class Gyros:
         epochs = strapdown.due(samples.time, model.PERIOD * (1 - 1e-6), after.time[1])
         if not self.turning:
             epochs = epochs[samples.hold[epochs] >= 0]
-        angles = angles[epochs]
+        angles = np.ascontiguousarray(angles[epochs])
         history = np.zeros((epochs.size, 4 + 2 * state.x.size))
         late = self._late()
         steps = room(self.states, smooth, epochs.size, 3, 3)
