@@ -94,6 +94,16 @@ def test_a_killed_axis_and_an_interlock_fault_are_told(server: Served, table: Ac
     assert table.read().axes[2].faults == ("interlock fault",)
 
 
+def test_a_fault_of_one_axis_keeps_no_other_from_stopping(server: Served, table: Acutrol):
+    table.spin("inner", radians(30), radians(60))
+    server.advance(2.0)
+    server.device.fault("amplifier 1")
+    with pytest.raises(TableFault, match="interlock fault"):
+        table.stop()
+    server.advance(4.0)
+    assert table.read().axes[2].settled
+
+
 def test_limits_come_from_the_controller(table: Acutrol):
     with pytest.raises(InputError, match="at most 400"):
         table.spin("inner", radians(401), 1.0)

@@ -86,3 +86,19 @@ def test_what_is_no_number_is_refused(scripted: Any):
         pytest.raises(ProtocolError, match="no number in answer to 'PPO'"),
     ):
         motor.read()
+
+
+def test_stop_is_sent_though_bytes_came_unasked(scripted: Any):
+    links: list[Any] = []
+
+    def opener(_: str) -> Any:
+        links.append(scripted(SimulatedMotor().session().feed))
+        return links[-1]
+
+    with Motor("tcp://x:1", LIMITS, opener=opener) as motor:
+        links[0]._waiting = b"0.0000\r\n>"  # another program asked
+        motor.stop()
+        assert [link.written for link in links] == [[b"STO\r"], [b"STO\r"]]
+        links[1]._waiting = b"0.0000\r\n>"
+        with pytest.raises(ProtocolError, match="came unasked"):
+            motor.read()

@@ -127,7 +127,10 @@ def layout_of_address(address: str) -> Layout:
 
 def link_of_address(address: str) -> str:
     """Return the address of the link alone, without what says what the packets are."""
-    given = {k: v for k, v in _Given(address).given.items() if k not in ("preset", "layout")}
+    whole = _Given(address).given
+    given = {k: v for k, v in whole.items() if k not in ("preset", "layout")}
+    if given == whole:
+        return address
     query = f"?{urlencode(given, safe='/')}" if given else ""
     return address.partition("?")[0] + query
 

@@ -6,7 +6,7 @@ Their times serve to tie the IMU's clock to the table's at the start of a run, a
 
 from collections import deque
 from collections.abc import Callable
-from math import nan
+from math import isnan, nan
 from threading import Condition, Thread
 from typing import Self
 
@@ -132,7 +132,7 @@ class ImuPort:
                 lost = error
             if data or lost:
                 with self._came:
-                    if data:
+                    if data and not isnan(time):
                         self._pieces.append((time, data))
                         self.received += len(data)
                     self._lost = lost

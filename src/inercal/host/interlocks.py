@@ -170,7 +170,9 @@ class Interlocks:
             unit = np.zeros_like(angles)
             unit[:, i] = 1
             along = (motion(self._bench, angles, unit, zero, {}).w - earth) @ self._inputs.T
-            own = np.sum(along * left, axis=-1) / np.maximum(np.sum(along**2, axis=-1), 1e-12)
+            own: Array = np.sum(along * left, axis=-1) / np.maximum(
+                np.sum(along**2, axis=-1), 1e-12
+            )
             if np.sum((left - along * own[:, None]) ** 2) <= _EXPLAINED * total:
                 found.append((name, float(np.mean(turned[:, i])), float(np.mean(own))))
         if not found:

@@ -85,6 +85,10 @@ class Acutrol:
         """Infinite: it tells no time."""
         return inf
 
+    def identity(self) -> str:
+        """Return what answers `*idn?`."""
+        return self._dialogue.ask(b"*idn?\n")
+
     def enable(self) -> None:
         """Close the interlocks, at rest in rate mode."""
         for i, axis in enumerate(self._axes):

@@ -70,6 +70,10 @@ class Motor:
         """Infinite: it tells no time."""
         return inf
 
+    def identity(self) -> str:
+        """Return nothing: no command is known that asks for it."""
+        return ""
+
     def enable(self) -> None:
         """Ask for the position, to see that somebody answers: such a servo is on with its power."""
         self._tell("PPO")

@@ -115,6 +115,11 @@ class Pmac:
         """How many times the connection had to be made anew."""
         return self._dialogue.reconnected
 
+    def identity(self) -> str:
+        """Return the firmware's version and the controller's type."""
+        version, kind = self._ask("VERSION TYPE", 2)
+        return f"Turbo PMAC {kind.strip()}, firmware {version.strip()}"
+
     def enable(self) -> None:
         """Close the servo loops where the axes stand (`J/`)."""
         self._ask(" ".join(f"#{a.motor}J/" for a in self._axes))

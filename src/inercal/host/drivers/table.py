@@ -135,6 +135,10 @@ class RotaryTable(Protocol):
         """After how many s the controller's clock starts again at 0; infinite where never."""
         ...
 
+    def identity(self) -> str:
+        """Return what the controller says that it is; "" where it has no answer."""
+        ...
+
     def enable(self) -> None:
         """Close the servo loops where the axes stand."""
         ...
