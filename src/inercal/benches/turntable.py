@@ -17,6 +17,7 @@ The body's frame is that of the innermost axis: how the IMU is mounted in it is 
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import isfinite, radians
 
 from inercal.benches.table_moves import Limits
@@ -116,7 +117,7 @@ class Turntable:
         """The limits of each axis, outermost first."""
         return self.limits if len(self.limits) > 1 else self.limits * len(self.axes)
 
-    @property
+    @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """The imperfections, as data; all are of the whole run."""
         g, azimuth, latency = self.gravity, self.azimuth, self.latency
@@ -147,6 +148,10 @@ class Turntable:
             ),
         )
 
+    @cached_property
+    def _by_name(self) -> dict[str, Parameter]:
+        return {parameter.name: parameter for parameter in self.parameters}
+
     def nuisances(self) -> dict[str, Parameter]:
         """Return the parameters by name."""
-        return {parameter.name: parameter for parameter in self.parameters}
+        return self._by_name.copy()

@@ -20,6 +20,7 @@ the axis' direction times −sin(hθ), −cos(hθ): readback too large means les
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -129,17 +130,18 @@ def misalignment(bench: Turntable, angles: Array) -> Misalignment:
     between = [*_between(bench), None]
     for i, (name, axis, third) in enumerate(zip(bench.names, letters, between, strict=True)):
         mat = mat @ _rotation(axis, angles[..., i])
+        along = mat[..., axis]
         for h in range(1, len(bench.harmonics) + 1):
             phase = h * angles[..., i, None]
-            by[f"sin{h}[{name}]"] = -np.sin(phase) * mat[..., axis]
-            by[f"cos{h}[{name}]"] = -np.cos(phase) * mat[..., axis]
+            by[f"sin{h}[{name}]"] = -np.sin(phase) * along
+            by[f"cos{h}[{name}]"] = -np.cos(phase) * along
         if third is not None:
             by[f"square_{i + 1}"] = mat[..., third]
     parameters = tuple(p for p in bench.parameters if p.name in by)
-    columns = np.broadcast_arrays(
-        np.zeros((*angles.shape[:-1], 3)), *(by[p.name] for p in parameters)
-    )
-    return Misalignment(parameters, np.stack(columns[1:], axis=-1))
+    made = np.empty((*angles.shape[:-1], 3, len(parameters)))
+    for k, p in enumerate(parameters):
+        made[..., k] = by[p.name]
+    return Misalignment(parameters, made)
 
 
 def motion(
@@ -195,6 +197,18 @@ def _turned(bench: Turntable, angles: Array, q: Mapping[str, Array]) -> tuple[Ar
 
 def _base(bench: Turntable, q: Mapping[str, Array]) -> Array:
     """Return T, (..., 1, 3, 3)."""
+    return _tilted(bench, q) if q else _declared_base(bench)
+
+
+@lru_cache(maxsize=16)
+def _declared_base(bench: Turntable) -> Array:
+    """Return T of the bench as declared; it is read only."""
+    made = _tilted(bench, {})
+    made.setflags(write=False)
+    return made
+
+
+def _tilted(bench: Turntable, q: Mapping[str, Array]) -> Array:
     x, y, azimuth = (_value(bench, q, name) for name in ("lean_x", "lean_y", "azimuth"))
     return (_rotation(0, x) @ _rotation(1, y) @ _rotation(2, -azimuth))[..., None, :, :]
 

@@ -186,8 +186,9 @@ class Imu:
             if self.offset is not None and frame.time - self._heard > silence:
                 self._tie = True
             if self.offset is None or self._tie:
-                self._take(self._decoder.feed(b"".join(together)))
-                together.clear()
+                if together:
+                    self._take(self._decoder.feed(b"".join(together)))
+                    together.clear()
                 self._one(frame)
             else:
                 together.append(frame.payload)

@@ -4,12 +4,15 @@ A cubic goes through the four polls about a time, unevenly apart as they are; be
 the first poll a parabola through three, or a line. Across a gap there is nothing, unless the table
 stood still on both sides.
 """
+# Numba's decorator has no types.
+# pyright: reportUntypedFunctionDecorator=false
 
 from collections.abc import Sequence
 from math import inf, isfinite
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from inercal.errors import InputError
@@ -19,8 +22,8 @@ from inercal.host.states import polls
 
 Array = NDArray[np.float64]
 _FAR = 2.5  # polls, a gap
-_RESTED = 5.0  # s of a gap through which a table is taken to stand that stood on both sides
-_SAME = 5e-5  # rad, 10″
+RESTED = 5.0  # s of a gap through which a table is taken to stand that stood on both sides
+SAME = 5e-5  # rad, 10″
 
 
 class Known(NamedTuple):
@@ -138,26 +141,46 @@ class Table:
         """
         if self.known is None:
             raise InputError("no poll of the table yet")
-        x, y, settled = self.known
-        at = np.searchsorted(x, time, "right") - 1
-        there = at >= 0
-        at = np.maximum(at, 0)
-        step = x[at + 1] - x[at]
-        near = step <= self._gap
-        stood = (step <= _RESTED) & settled[at] & settled[at + 1]
-        stood &= (np.abs(y[at + 1] - y[at]) <= _SAME).all(axis=-1)
-        places = np.stack([np.maximum(at - 1, 0), at, at + 1, at + 2])
-        nodes = x[places]
-        used = np.ones(nodes.shape, np.bool_)
-        used[0] = near & (at > 0) & (nodes[1] - nodes[0] <= self._gap)
-        used[3] = near & (nodes[3] - nodes[2] <= self._gap)
-        found = y[at]
-        base = found.copy()
-        for j in (0, 2, 3):
-            weight = used[j].astype(np.float64)
-            for m in range(4):
+        found, there = (
+            np.zeros((time.size, self.known.angle.shape[1])),
+            np.zeros(time.size, np.bool_),
+        )
+        _between(time, *self.known, self._gap, found, there)
+        return found, there
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _between(
+    time: Array,
+    x: Array,
+    y: Array,
+    settled: NDArray[np.bool_],
+    gap: float,
+    found: Array,
+    there: NDArray[np.bool_],
+) -> None:
+    """Write angles at ascending times, and whether they are known."""
+    weight = np.zeros(4)
+    a = 0
+    for i in range(time.size):
+        t = time[i]
+        while x[a + 1] <= t:
+            a += 1
+        step = x[a + 1] - x[a]
+        near = step <= gap
+        stood = step <= RESTED and settled[a] and settled[a + 1]
+        for k in range(y.shape[1]):
+            stood = stood and abs(y[a + 1, k] - y[a, k]) <= SAME
+        there[i] = t >= x[a] and (near or stood)
+        first = a - 1 if near and a > 0 and x[a] - x[a - 1] <= gap else a
+        last = a + 2 if near and x[a + 2] - x[a + 1] <= gap else a + 1
+        for j in range(first, last + 1):
+            weight[j - first] = 1.0
+            for m in range(first, last + 1):
                 if m != j:
-                    apart = np.where(used[j] & used[m], nodes[j] - nodes[m], 1.0)
-                    weight = weight * np.where(used[m], (time - nodes[m]) / apart, 1.0)
-            found = found + weight[:, None] * (y[places[j]] - base)
-        return found, there & (near | stood)
+                    weight[j - first] *= (t - x[m]) / (x[j] - x[m])
+        for k in range(y.shape[1]):
+            # Weights add up to 1: of large angles only the differences are rounded.
+            found[i, k] = y[a, k]
+            for j in range(first, last + 1):
+                found[i, k] += weight[j - first] * (y[j, k] - y[a, k])

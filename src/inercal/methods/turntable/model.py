@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches.turntable import Turntable
-from inercal.benches.turntable_attitude import misalignment, reference
+from inercal.benches.turntable_attitude import Misalignment, reference
 from inercal.earth import earth_rate_up_north
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gaussian, NullDirection
@@ -248,23 +248,19 @@ def _directions(
     return float(np.max(share, where=chosen, initial=0.0)), tuple(found)
 
 
-def beside(
-    bench: Turntable, table: Sequence[Parameter], angles: Array, skipped: Sequence[str] = ()
-) -> Array:
+def beside(seen: Misalignment, table: Sequence[Parameter], skipped: Sequence[str] = ()) -> Array:
     """Return how φ as it is observed moves with the table's parameters, (e, 3, q), level frame.
 
     Parameters
     ----------
-    bench : Turntable
+    seen : Misalignment
+        At e readbacks.
     table : sequence of q Parameter
         Columns of those that turn no attitude, or are skipped, are zero.
-    angles : (e, k) array
-        Readback, rad.
     skipped : sequence of str
     """
-    seen = misalignment(bench, angles)
     names = [one.name for one in seen.parameters]
-    made = np.zeros((*angles.shape[:-1], 3, len(table)))
+    made = np.zeros((*seen.by.shape[:-1], len(table)))
     for k, one in enumerate(table):
         if one.name in names and one.name not in skipped:
             # The true attitude is ahead of the readback's: φ as observed is so much less.

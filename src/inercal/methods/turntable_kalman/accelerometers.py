@@ -9,7 +9,6 @@ their sensitivity to g above all, is then taken for tilt.
 """
 
 from collections.abc import Sequence
-from copy import deepcopy
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -17,14 +16,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches.turntable import Turntable
-from inercal.benches.turntable_attitude import misalignment, reference
+from inercal.benches.turntable_attitude import Misalignment, misalignment, reference
 from inercal.estimate import Course, Gaussian
 from inercal.methods.turntable import model, strapdown
 from inercal.methods.turntable.model import Triad, beside
 from inercal.methods.turntable.terms import BASIS
 from inercal.methods.turntable_kalman import _accelerometers
 from inercal.methods.turntable_kalman._accelerometers import Readback, Samples, Settings, State
-from inercal.methods.turntable_kalman.common import TILT, course, drift_of, drifting_of, known, room
+from inercal.methods.turntable_kalman.common import (
+    TILT,
+    copied,
+    course,
+    drift_of,
+    drifting_of,
+    known,
+    room,
+)
 from inercal.parameters import Parameter
 from inercal.recording import Track
 from inercal.sensors import Sensor
@@ -157,12 +164,13 @@ class Accelerometers:
         smooth : sequence of str
             States whose course is smoothed by all of the track, as `varying`.
         """
-        after = deepcopy(state)
+        after = copied(state)
         epochs = strapdown.due_in_holds(
             track.time, track.hold, model.PERIOD * (1 - 1e-6), after.time[1], after.hold[0]
         )
-        # One order in memory, so that kernels are compiled once.
+        # One order in memory however few the epochs, so that kernels are compiled once.
         angles = np.ascontiguousarray(track.angles[epochs])
+        seen = misalignment(self.bench, angles)
         history = np.zeros((epochs.size, 6 + 2 * state.x.size))
         steps = room(self.states, smooth, epochs.size, 6, 5)
         nis = _accelerometers.accelerometers(
@@ -174,9 +182,9 @@ class Accelerometers:
             Readback(
                 epochs,
                 reference(self.bench, angles),
-                beside(self.bench, self.table, angles)[:, :2],
+                np.ascontiguousarray(beside(seen, self.table)[:, :2]),
                 self._held(angles),
-                self._noise(angles),
+                self._noise(seen, angles),
             ),
             known(self.part, self.bench),
             Settings(self.still**2, _ALIGNED**2),
@@ -192,18 +200,21 @@ class Accelerometers:
 
     def _held(self, angles: Array) -> Array:
         """Return the variance about east and north of what a hold's angles are off by, (e, 2)."""
+        if not self.holds:
+            return np.zeros((len(angles), 2))  # no state of its own
         seen = misalignment(self.bench, angles)
         variance = np.array(
             [0.0 if q.name in (*_COMMON, "azimuth") else q.sd**2 for q in seen.parameters]
         )
         return (seen.by[..., :2, :] ** 2) @ variance
 
-    def _noise(self, angles: Array) -> Array:
+    def _noise(self, seen: Misalignment, angles: Array) -> Array:
         """Return the variance about east and north of the readback's noise, (e, 2)."""
         if self.readback is not None:
             return np.full((len(angles), 2), self.readback**2)
         # Sine and cosine of a harmonic turn about an axis as noise does; their squares add up to 1.
-        seen = misalignment(replace(self.bench, harmonics=(1.0,)), angles)
-        waves = [k for k, q in enumerate(seen.parameters) if q.name.startswith(("sin", "cos"))]
+        if not self.bench.harmonics:
+            seen = misalignment(replace(self.bench, harmonics=(1.0,)), angles)
+        waves = [k for k, q in enumerate(seen.parameters) if q.name.startswith(("sin1", "cos1"))]
         share = np.sum(seen.by[..., :2, waves] ** 2, axis=-1)
         return np.maximum(self.bench.white**2 * share, model.FLOOR**2)

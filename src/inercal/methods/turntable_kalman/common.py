@@ -1,6 +1,7 @@
 """What both filters hand to their kernels, and read from them."""
 
 from collections.abc import Sequence
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,11 +10,20 @@ from inercal.benches.turntable import Turntable
 from inercal.estimate import Course, Smoothed
 from inercal.estimate.kalman import Steps, smoothed, steps
 from inercal.methods.turntable.model import Triad, earth
+from inercal.methods.turntable_kalman import _accelerometers, _readback
 from inercal.methods.turntable_kalman._common import Model
 
 Array = NDArray[np.float64]
+_NUMBERS = ("nis", "epochs")  # of a state; all else is an array
+S = TypeVar("S", _accelerometers.State, _readback.State)
 TILT = ("phi_e", "phi_n", "phi_u")
 """φ: how far the attitude that a filter went by is off, about east, north and up."""
+
+
+def copied(state: S) -> S:
+    """Return a state of its own, which a kernel may change in place."""
+    arrays: dict[str, Array] = {k: v for k, v in state._asdict().items() if k not in _NUMBERS}
+    return state._replace(**{name: array.copy() for name, array in arrays.items()})
 
 
 def known(part: Triad, bench: Turntable) -> Model:

@@ -10,7 +10,6 @@ old.
 """
 
 from collections.abc import Sequence
-from copy import deepcopy
 from dataclasses import dataclass
 from math import ceil
 
@@ -27,7 +26,15 @@ from inercal.methods.turntable.terms import BASIS
 from inercal.methods.turntable_kalman import _gyros
 from inercal.methods.turntable_kalman._gyros import Samples
 from inercal.methods.turntable_kalman._readback import Readback, Settings, State
-from inercal.methods.turntable_kalman.common import TILT, course, drift_of, drifting_of, known, room
+from inercal.methods.turntable_kalman.common import (
+    TILT,
+    copied,
+    course,
+    drift_of,
+    drifting_of,
+    known,
+    room,
+)
 from inercal.parameters import Parameter
 from inercal.recording import Track
 from inercal.sensors import Sensor
@@ -181,7 +188,7 @@ class Gyros:
         smooth : sequence of str
             States whose course is smoothed by all of the track, as `varying`.
         """
-        after = deepcopy(state)
+        after = copied(state)
         samples, stamps, angles, tail = self._paired(state.tail, track)
         after = after._replace(tail=tail)
         epochs = strapdown.due(samples.time, model.PERIOD * (1 - 1e-6), after.time[1])
@@ -197,7 +204,7 @@ class Gyros:
                 epochs,
                 samples.time[epochs] - stamps[epochs],
                 reference(self.bench, angles),
-                beside(self.bench, self.table, angles, skipped=_DRIVEN),
+                beside(misalignment(self.bench, angles), self.table, skipped=_DRIVEN),
             ),
             known(self.part, self.bench),
             Settings(

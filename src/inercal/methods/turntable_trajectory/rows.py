@@ -85,7 +85,7 @@ class Turning:
             raise InputError(f"a recording of {track.time.size} samples has no way to follow")
         table = parameters(bench)
         # φ as it is observed falls as the true attitude gets ahead of the readback.
-        by = -model.beside(bench, table, track.angles[epochs])
+        by = -model.beside(misalignment(bench, track.angles[epochs]), table)
         return cls(part, bench, table, track, epochs, by)
 
     def rows(self, theta: Array, q: Mapping[str, float]) -> tuple[Array, Array]:
