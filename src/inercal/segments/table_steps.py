@@ -25,7 +25,8 @@ _COARSEST = 5e-4  # rad, 0.03°, step of a readback
 _DUST = 1e-9  # rad; smaller steps come from rounding
 _SPAN = 0.1  # s to both sides, over which a rate is taken
 _SLOWEST = 9e-4  # rad/s, 0.05 °/s
-_HALF = 3.15  # rad
+_HALF = 3.15  # rad; a turn that nobody names is more than a way between two positions
+_SETTLES = 0.02  # rad, 1°: one that is named is more than what a servo does when it arrives
 
 
 class Turned(NamedTuple):
@@ -131,7 +132,7 @@ def find_turns(time: Array, angles: Array, labels: NDArray[np.str_] | None) -> t
         reach = float(np.ptp(angles[max(a - margin, 0) : b + margin, axis]))
         way = float(sense[a, axis]) * reach
         named = labels is not None and bool(labels[(a + b) // 2])
-        if abs(way) > _HALF or (named and b - a > 1):
+        if abs(way) > (_SETTLES if named else _HALF):
             found.append(Turned(axis, a, b, way, float(np.median(rate[a:b, axis]))))
     return tuple(found)
 
