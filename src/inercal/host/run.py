@@ -25,7 +25,7 @@ from typing import Literal, NamedTuple, Self
 from inercal.benches import Turntable
 from inercal.errors import InercalError, InputError
 from inercal.host.addresses import layout_of_address, open_imu, open_table
-from inercal.host.assembly import Assembly
+from inercal.host.assembly import Assembly, Block
 from inercal.host.clock import Clock, SimulatedClock, Tick, WallClock
 from inercal.host.drivers.table import ProtocolError, TableFault, TableState
 from inercal.host.folder import Folder
@@ -153,6 +153,7 @@ class BenchRun:
         self._paused: dict[_Why, str] = {}
         self._asked: SimpleQueue[Literal["pause", "go on", "stop"]] = SimpleQueue()
         self._temperature = nan
+        self.time = 0.0
         self._unheard, self._worked, self._shown = 0, 0.0, 0.0
         layout = layout_of_address(addresses.imu)
         self.assembly = Assembly.of(run, layout, POLL)
@@ -353,7 +354,7 @@ class BenchRun:
         self._guard.stop()
 
     def _work(self) -> None:
-        """Make blocks of what came, and steps of the filters."""
+        """Make a block of what came, see that gyros and table agree, and hand it to the filters."""
         self._worked = self.time
         try:
             block = self.assembly.take()
@@ -365,6 +366,9 @@ class BenchRun:
         self._temperature = float(block.temperature[-1])
         if (words := self._interlocks.against_gyros(block.track)) is not None:
             self._end(words)
+        self._estimate(block)
+
+    def _estimate(self, block: Block) -> None:
         if self.live is None:
             return
         try:
@@ -400,7 +404,8 @@ class BenchRun:
             self.assembly.feed(frame)
             if frame.time - done >= _PIECE:
                 done = frame.time
-                self._work()
+                if (block := self.assembly.take()) is not None:
+                    self._estimate(block)
 
     def __enter__(self) -> Self:
         return self

@@ -1,0 +1,94 @@
+"""Runs on simulated benches, with things that go wrong at times of the bench."""
+
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+
+from inercal.host.folder import Folder, begin, resumed
+from inercal.host.journal import Event
+from inercal.host.run import Addresses, BenchRun, Options
+from inercal.host.simulated import SimulatedBench
+from inercal.runfile import Run, read
+
+HEAD = "label,kind,outer [°],middle [°],inner [°],seconds [s],axis,angle [°],rate [°/s]\n"
+# Too little to find everything, enough to begin filters, hold and turn.
+SHORT = HEAD + (
+    "warm-up,position,0,0,0,22,,,\n"
+    "y up,position,0,90,0,3,,,\n"
+    "z+,rotation,0,0,0,,outer,90,30\n"
+    "rest,position,0,0,0,2,,,\n"
+)
+INERCAL = [sys.executable, "-c", "from inercal.cli.app import main; main()"]
+Act = Callable[["Interfered"], None]
+
+
+def plan(folder: Path, path: str = SHORT, replaced: Sequence[tuple[str, str]] = ()) -> Run:
+    """Write the demonstration's run file with a path of one's own, and what is replaced in it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    text = files("inercal").joinpath("demo.toml").read_text(encoding="utf-8")
+    for old, new in (('path = "fast"', 'path = "path.csv"'), *replaced):
+        assert old in text
+        text = text.replace(old, new)
+    (folder / "path.csv").write_text(path, encoding="utf-8")
+    (folder / "plan.toml").write_text(text, encoding="utf-8")
+    return read(folder / "plan.toml")
+
+
+def quick() -> str:
+    """Return the demonstration's path of five minutes."""
+    return files("inercal").joinpath("demo_path.csv").read_text(encoding="utf-8")
+
+
+def addresses(bench: SimulatedBench) -> Addresses:
+    """Return where a simulated bench is."""
+    return Addresses(bench.table, bench.imu, bench.clock or "")
+
+
+class Interfered(BenchRun):
+    """A run during which things happen, each when the sequencer has got to a step and phase."""
+
+    acts: list[tuple[str, str, Act]]
+
+    def _tick(self) -> None:
+        task = self.sequencer.task
+        if self.acts and task and (task.label, self.sequencer.phase) == self.acts[0][:2]:
+            self.acts.pop(0)[2](self)
+        super()._tick()
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a run ended."""
+
+    done: bool
+    run: BenchRun
+    events: tuple[Event, ...]
+    sections: tuple[tuple[str, float, float], ...]
+
+    @property
+    def words(self) -> str:
+        """What was said of it that is no mere news."""
+        return "\n".join(one.words for one in self.events if one.level != "info")
+
+
+def carried_out(
+    folder: Path,
+    bench: SimulatedBench,
+    run: Run | None = None,
+    acts: Sequence[tuple[str, str, Act]] = (),
+    options: Options | None = None,
+) -> Ended:
+    """Begin a run in a folder, or resume the one in it; see how it ends."""
+    made, journal = resumed(folder) if run is None else begin(folder, run, addresses(bench))
+    with journal:
+        with Interfered(made, journal, addresses(bench), options or Options()) as going:
+            going.acts = list(acts)
+            done = going.carry_out()
+        return Ended(done, going, journal.events(), journal.sections())
+
+
+def made(folder: Path) -> Folder:
+    """Return the folder of a run."""
+    return Folder.of(folder, "plan.toml")

@@ -1,0 +1,172 @@
+"""Runs on a simulated bench: what they leave, and what becomes of them when things go wrong."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.host.benches import SHORT, Act, Ended, carried_out, made, plan
+
+from inercal.host.addresses import open_table
+from inercal.host.compile import compiled
+from inercal.host.log import IMU, frames
+from inercal.host.run import Options
+from inercal.host.simulated import SimulatedBench
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[SimulatedBench]:
+    run = plan(tmp_path / "plan")
+    compiled(run)
+    with SimulatedBench(run.path, seed=1) as made:
+        yield made
+
+
+def at_rest(bench: SimulatedBench) -> bool:
+    with open_table(bench.table, None) as table:
+        return all(abs(axis.rate) < 1e-3 for axis in table.read().axes)
+
+
+def run_with(tmp_path: Path, bench: SimulatedBench, label: str, phase: str, act: Act) -> Ended:
+    run = plan(tmp_path / "plan")
+    return carried_out(tmp_path / "run", bench, run, [(label, phase, act)])
+
+
+def test_a_run_does_its_steps_in_order_and_leaves_no_packet_out(
+    tmp_path: Path, bench: SimulatedBench
+):
+    ended = carried_out(tmp_path / "run", bench, plan(tmp_path / "plan"))
+    assert ended.done, ended.words
+    assert ended.words == ""
+    assert [label for label, _, _ in ended.sections] == ["warm-up", "y up", "z+", "rest"]
+    tally = ended.run.assembly.tally
+    assert (tally.bytes.lost, tally.bytes.failed, tally.bytes.thrown) == (0, 0, 0)
+    assert ended.run.live is not None
+    assert ended.run.live.begun
+    assert at_rest(bench)
+
+
+def test_how_fast_a_bench_is_run_changes_no_byte_and_no_number(tmp_path: Path):
+    run = plan(tmp_path / "plan", SHORT.replace("22", "21"))
+    compiled(run)
+    left: list[tuple[list[object], list[float]]] = []
+    for name, speed in (("fast", None), ("slow", 20.0)):
+        with SimulatedBench(run.path, seed=5) as bench:
+            ended = carried_out(tmp_path / name, bench, run, options=Options(speed=speed))
+        assert ended.done, ended.words
+        assert ended.run.live is not None
+        left.append((list(frames(made(tmp_path / name).log)), ended.run.live.values.tolist()))
+    assert left[0] == left[1]
+
+
+def test_an_imu_that_is_unplugged_has_the_run_pause_and_go_on_when_it_is_back(
+    tmp_path: Path, bench: SimulatedBench
+):
+    def unplug(run: object) -> None:
+        bench.tell("imu", "fault unplug")
+
+    def replug(run: object) -> None:
+        bench.tell("imu", "fault replug")
+
+    ended = carried_out(
+        tmp_path / "run",
+        bench,
+        plan(tmp_path / "plan"),
+        [("y up", "work", unplug), ("y up", "paused", replug)],
+    )
+    assert ended.done, ended.words
+    assert "the IMU is gone" in ended.words
+    assert [label for label, _, _ in ended.sections] == ["warm-up", "y up", "z+", "rest"]
+
+
+def test_an_imu_that_falls_silent_for_good_ends_the_run_with_the_table_at_rest(
+    tmp_path: Path, bench: SimulatedBench
+):
+    def silent(run: object) -> None:
+        bench.tell("imu", "fault silent on")
+
+    run = plan(tmp_path / "plan")
+    acts = [("z+", "work", silent)]
+    ended = carried_out(tmp_path / "run", bench, run, acts, Options(patience=5.0))
+    assert not ended.done
+    assert "silent" in ended.run.trouble
+    assert "not back within 5 s" in ended.run.trouble
+    assert at_rest(bench)
+    # The operator mends it, and goes on.
+    bench.tell("imu", "fault silent off")
+    again = carried_out(tmp_path / "run", bench)
+    assert again.done, again.words
+    assert [label for label, _, _ in again.sections] == ["warm-up", "y up", "z+", "rest"]
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [("amplifier 2", "amplifier"), ("frozen 2", "middle"), ("jammed 2", "middle")],
+)
+def test_a_fault_of_the_table_ends_the_run_with_the_axis_named_and_the_table_at_rest(
+    tmp_path: Path, bench: SimulatedBench, fault: str, words: str
+):
+    def spoil(run: object) -> None:
+        bench.tell("table", f"fault {fault}")
+
+    run = plan(tmp_path / "plan", SHORT.replace("outer,90,30", "middle,360,30"))
+    ended = carried_out(tmp_path / "run", bench, run, [("z+", "work", spoil)])
+    assert not ended.done
+    assert words in ended.run.trouble
+    assert at_rest(bench)
+
+
+def test_a_table_that_is_gone_ends_the_run_in_words(tmp_path: Path, bench: SimulatedBench):
+    def die(run: object) -> None:
+        bench.tell("table", "die")
+
+    ended = run_with(tmp_path, bench, "y up", "approach", die)
+    assert not ended.done
+    assert "gone" in ended.run.trouble
+
+
+def test_corrupt_bytes_and_lost_packets_are_counted_and_none_of_them_enters(
+    tmp_path: Path, bench: SimulatedBench
+):
+    def spoil(run: object) -> None:
+        bench.tell("imu", "fault errors 0.001")
+        bench.tell("imu", "fault loss 0.01")
+
+    ended = run_with(tmp_path, bench, "warm-up", "work", spoil)
+    assert ended.done, ended.words
+    tally = ended.run.assembly.tally
+    sent = 200 * sum(end - begin for _, begin, end in ended.sections)
+    # 1 − 0.999³⁶ of the packets have a byte that is changed; binomial, five standard deviations.
+    for share, of in ((1 - 0.999**36, tally.bytes.failed), (0.01 + 0.0354, tally.bytes.lost)):
+        assert abs(of - share * sent) < 5 * np.sqrt(share * sent) + 0.3 * share * sent
+    raw = b"".join(
+        frame.payload for frame in frames(made(tmp_path / "run").log) if frame.kind == IMU
+    )
+    assert len(raw) > 30 * 200 * 36 / 2
+    live = ended.run.live
+    assert live is not None
+    assert 0.7 < live.nis < 1.3
+
+
+def test_an_operator_may_pause_a_run_and_let_it_go_on(tmp_path: Path, bench: SimulatedBench):
+    ended = carried_out(
+        tmp_path / "run",
+        bench,
+        plan(tmp_path / "plan"),
+        [
+            ("y up", "approach", lambda run: run.ask("pause")),
+            ("y up", "paused", lambda run: run.ask("go on")),
+        ],
+    )
+    assert ended.done, ended.words
+    assert "paused by the operator" in ended.words
+
+
+def test_an_operator_may_stop_a_run_and_resume_it(tmp_path: Path, bench: SimulatedBench):
+    ended = run_with(tmp_path, bench, "y up", "approach", lambda run: run.ask("stop"))
+    assert not ended.done
+    assert ended.run.trouble == "stopped by the operator"
+    assert at_rest(bench)
+    again = carried_out(tmp_path / "run", bench)
+    assert again.done, again.words
+    assert [label for label, _, _ in again.sections] == ["warm-up", "y up", "z+", "rest"]
