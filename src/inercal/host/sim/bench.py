@@ -185,14 +185,14 @@ class ClockServer:
             match line.split():
                 case [b"until", time] if _is_time(time):
                     self._granted.add(end)
-                    now = self._pace.grant(float(time))
-                    device.advance(now)
+                    until = float(time)
+                    now = self._pace.grant(until)
                 case [b"now"]:
-                    now = before
-                    device.advance(now)
+                    until, now = before, before
                 case _:
                     return b"no: possible: until TIME, now\n"
-            if now == before:
+            device.advance(now)
+            if until <= before:
                 device.settle()
             return f"{now!r} {device.sent} {device.sent_by!r}\n".encode()
 

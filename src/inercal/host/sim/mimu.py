@@ -20,6 +20,7 @@ import socket
 import sys
 from argparse import ArgumentParser
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Lock, Thread
@@ -112,10 +113,12 @@ class Sender:
 
 def feel(end: socket.socket, imu: Imu, sender: Sender) -> None:
     """Answer each part of the motion once the readings due by then are sent."""
-    while (part := motion_link.receive(end)) is not None:
-        first = imu.next
-        sender.send(first, imu.until(part))
-        motion_link.answer(end, sender.sent)
+    # A table that is gone feels nothing more.
+    with suppress(OSError):
+        while (part := motion_link.receive(end)) is not None:
+            first = imu.next
+            sender.send(first, imu.until(part))
+            motion_link.answer(end, sender.sent)
 
 
 def rate_of(run: Run, layout: Layout, rate_hz: float | None) -> float:

@@ -120,13 +120,14 @@ class Server(Generic[D]):
         finally:
             for line in self._lines:
                 line.close()
-            for end in (self._listener, self._poke, self._poked):
-                if end is not None:
-                    end.close()
+            for key in list(self._selector.get_map().values()):
+                if isinstance(key.fileobj, socket.socket):
+                    key.fileobj.close()
+            self._poke.close()
             self._selector.close()
 
     def attend(self, end: socket.socket | int, ready: Callable[[], object]) -> None:
-        """Let `run` call `ready` whenever there is something to read at `end`."""
+        """Let `run` call `ready` whenever there is something to read at `end`, its to close."""
         self._selector.register(end, selectors.EVENT_READ, ready)
 
     def forget(self, end: socket.socket | int) -> None:
