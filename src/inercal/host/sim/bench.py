@@ -3,7 +3,7 @@
 Time passes as the wall's does, or is granted by the host through the clock's address, whose
 protocol is that of `inercal.host.clock`: `until 12.5` and `now`, answered `TIME SENT SENT_BY`.
 
-Run as `python -m inercal.host.sim.bench RUNFILE --seed 1 --motion tcp://127.0.0.1:40001`.
+Run as `python -m inercal.host.sim.bench RUNFILE --seed 1 --motion unix:/tmp/inercal-x/motion`.
 """
 
 import socket
@@ -12,7 +12,6 @@ from argparse import ArgumentParser
 from functools import partial
 from math import tau
 from time import monotonic
-from urllib.parse import urlsplit
 
 import numpy as np
 
@@ -51,9 +50,11 @@ class Bench:
             line = f"I{motor}16={rate:.6f} I{motor}17={acceleration:.9f}"
             self.pmac.interpreter.line(line.encode(), 1)
         self.sent, self.sent_by = 0, 0.0
-        self._imu, self._owed = imu, list[float]()
+        self._imu = imu
         self._until = 0.0
-        self._tell(0.0, 0, np.array([[(a.start, 0.0, 0.0) for a in self.pmac.table.axes]]))
+        start = np.array([[(axis.start, 0.0, 0.0) for axis in self.pmac.table.axes]])
+        self._ready = [Part(0.0, period, 0, start)]
+        self._owed: list[float] = []
 
     @property
     def time(self) -> float:
@@ -61,16 +62,27 @@ class Bench:
         return self.pmac.time
 
     def advance(self, until: float) -> None:
-        """Let bench time pass; the IMU makes its readings of it meanwhile."""
+        """Let bench time pass; the next call, though no time may pass in it, tells the IMU.
+
+        So that who asked for the time has its answer before the IMU, on the same processor maybe,
+        sets to work.
+        """
+        self._tell()
         while self._until < until:
             self._until = min(self._until + _MOST, until)
             first = self.pmac.table.cycle + 1
-            self._tell(self._until, first, self.pmac.table.turn(self._until))
+            moved = self.pmac.table.turn(self._until)
+            self._ready.append(Part(self._until, self.pmac.table.period, first, moved))
+
+    def hear(self) -> None:
+        """Wait until the IMU has sent what is due by what it was told."""
+        while self._owed:
+            self._hear()
 
     def settle(self) -> None:
         """Wait until the IMU has sent what is due by now."""
-        while self._owed:
-            self._hear()
+        self._tell()
+        self.hear()
 
     def session(self) -> Session:
         """Return the controller's side of a new connection."""
@@ -80,19 +92,21 @@ class Bench:
         """Set a fault of the table in words."""
         self.pmac.fault(words)
 
-    def _tell(self, until: float, first: int, moved: np.ndarray) -> None:
-        """Tell the IMU; hear of all parts but this one that they are done with."""
-        if self._imu is None:
-            self.sent_by = until
-            return
-        try:
-            motion_link.send(self._imu, Part(until, self.pmac.table.period, first, moved))
-        except OSError:
-            self._lose()
-            return
-        self._owed.append(until)
-        while len(self._owed) > 1:
-            self._hear()
+    def _tell(self) -> None:
+        """Tell the IMU; hear of all but the last that it is done with."""
+        for part in self._ready:
+            if self._imu is None:
+                self.sent_by = part.until
+                continue
+            try:
+                motion_link.send(self._imu, part)
+            except OSError:
+                self._lose()
+                continue
+            self._owed.append(part.until)
+            while len(self._owed) > 1:
+                self._hear()
+        self._ready.clear()
 
     def _hear(self) -> None:
         assert self._imu is not None
@@ -191,6 +205,7 @@ class ClockServer:
                     until, now = before, before
                 case _:
                     return b"no: possible: until TIME, now\n"
+            device.hear()
             device.advance(now)
             if until <= before:
                 device.settle()
@@ -210,20 +225,16 @@ def main() -> None:
     parser.add_argument("run", metavar="RUNFILE")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--pace", default="granted", help="granted, or a factor of the wall's")
-    parser.add_argument("--motion", help="where the IMU takes the motion, tcp://HOST:PORT")
+    parser.add_argument("--motion", help="where the IMU takes the motion, unix:PATH")
     parser.add_argument("--port", type=int, default=0, help="of the PMAC; 0: any free one")
     options = parser.parse_args()
     try:
         drawn = draw(read(options.run), options.seed)
         pace = Pace() if options.pace == "granted" else WallClock(float(options.pace))
-    except (InputError, ValueError) as error:
+        imu = motion_link.connect(options.motion, _PATIENCE) if options.motion else None
+    except (InputError, OSError, ValueError) as error:
         print(f"no: {error}", flush=True)
         sys.exit(2)
-    imu = None
-    if options.motion is not None:
-        place = urlsplit(str(options.motion))
-        imu = socket.create_connection((place.hostname or "", place.port or 0), _PATIENCE)
-        imu.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     server = Server(Bench(drawn, imu), pace, port=options.port)
     clock = ClockServer(server, pace) if isinstance(pace, Pace) else None
     with server:

@@ -20,7 +20,7 @@ import socket
 import sys
 from argparse import ArgumentParser
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Lock, Thread
@@ -163,10 +163,10 @@ def main() -> None:
     except InputError as error:
         print(f"no: {error}", flush=True)
         sys.exit(2)
-    with (
-        TemporaryDirectory(prefix="inercal-") as folder,
-        socket.create_server(("127.0.0.1", 0)) as listener,
-    ):
+    with ExitStack() as stack:
+        folder = stack.enter_context(TemporaryDirectory(prefix="inercal-"))
+        listener, motion = motion_link.listen(Path(folder) / "motion")
+        stack.enter_context(listener)
         path = Path(folder) / "imu"
         port = options.port
 
@@ -184,12 +184,10 @@ def main() -> None:
         def serve() -> None:
             while True:
                 end, _ = listener.accept()
-                end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                 with end:
                     feel(end, imu, sender)
 
         Thread(target=serve, daemon=True).start()
-        motion = f"tcp://127.0.0.1:{listener.getsockname()[1]}"
         print(f"at {sender.address} motion {motion}", flush=True)
         obey(sender, sys.stdin, sys.stdout)
         with sender.lock:

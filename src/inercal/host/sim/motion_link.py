@@ -1,11 +1,13 @@
 """The true motion on its way from the table's process to the IMU's, and what comes back.
 
-A part holds servo cycles and up to when the bench has gone on; it is answered by how many bytes the
+The link is a socket of the system (`unix:PATH`), which wakes the other end sooner than TCP does. A
+part holds servo cycles and up to when the bench has gone on; it is answered by how many bytes the
 IMU has sent in all, once the readings due by then are sent.
 """
 
 import socket
-from struct import Struct
+from pathlib import Path
+from struct import Struct, pack
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +26,35 @@ class Part(NamedTuple):
     period: float
     first: int
     moved: Array
+
+
+def listen(path: Path) -> tuple[socket.socket, str]:
+    """Return the IMU's end before anybody is there, and its address."""
+    listener = socket.socket(socket.AF_UNIX)
+    listener.bind(str(path))
+    listener.listen()
+    return listener, f"unix:{path}"
+
+
+def connect(address: str, patience: float) -> socket.socket:
+    """Return the table's end, which waits for the other `patience` s at most.
+
+    Raises
+    ------
+    OSError
+        No IMU is there.
+    """
+    end = socket.socket(socket.AF_UNIX)
+    try:
+        end.connect(address.removeprefix("unix:"))
+        # The system's own time limit: that of Python asks twice.
+        limit = pack("@ll", int(patience), int(patience % 1 * 1e6))
+        end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, limit)
+        end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, limit)
+    except OSError:
+        end.close()
+        raise
+    return end
 
 
 def send(end: socket.socket, part: Part) -> None:
