@@ -32,6 +32,9 @@ def main() -> int:
     signal.set_wakeup_fd(poke, warn_on_full_buffer=False)
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, _heard)  # ignored, it would write nothing
+    # Before what else the machine does, where the system lets it.
+    with suppress(OSError):
+        os.setpriority(os.PRIO_PROCESS, 0, -20)
     if not os.isatty(1):
         os.set_blocking(1, False)
     return Watch(options.address, options.silence, (0, signals), _say).run()
