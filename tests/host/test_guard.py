@@ -222,6 +222,14 @@ def test_a_table_that_is_gone_and_comes_back_is_stopped(server: Served, table: P
         assert not _turning(again)
 
 
+def test_a_guard_without_host_and_table_gives_up_in_the_end(server: Served, table: Pmac):
+    with Guard(_address(server), patience=0.5) as guard:
+        server.stop()
+        guard._let_go_of_pipe()  # as the system does of a host that is killed
+        assert _hear(guard, "cannot: no word")[0] == "stopping: the host is gone"
+        _until(lambda: not guard.alive)
+
+
 def test_an_idle_guard_finds_its_link_lost_and_says_when_it_is_ready_again(
     server: Served, guard: Guard
 ):
@@ -310,11 +318,13 @@ with guard, guard.catch_signals():
 def _host(server: Served, silence: float, does: str) -> Iterator[tuple[Any, int]]:
     command = [sys.executable, "-c", HOST, _address(server), str(silence), does]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as host:
+        assert host.stdout
+        guard = int(host.stdout.readline().split()[-1])
         try:
-            assert host.stdout
-            yield host, int(host.stdout.readline().split()[-1])
+            yield host, guard
         finally:
             host.kill()
+            _until(lambda: _ended(guard))  # as long as there is a table
 
 
 def _ended(pid: int) -> bool:

@@ -24,6 +24,7 @@ def main() -> int:
     parser = ArgumentParser(prog="python -m inercal.host.guard", description="Guards a table.")
     parser.add_argument("address")
     parser.add_argument("--silence", type=float, default=1.5)
+    parser.add_argument("--patience", type=float, default=600.0)
     options = parser.parse_args()
     signals, poke = os.pipe()
     for end in (signals, poke):
@@ -37,7 +38,7 @@ def main() -> int:
         os.setpriority(os.PRIO_PROCESS, 0, -20)
     if not os.isatty(1):
         os.set_blocking(1, False)
-    return Watch(options.address, options.silence, (0, signals), _say).run()
+    return Watch(options.address, options.silence, options.patience, (0, signals), _say).run()
 
 
 if __name__ == "__main__":

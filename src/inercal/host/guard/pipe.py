@@ -29,6 +29,9 @@ class Guard:
         As `inercal.host.addresses.open_table` takes it.
     silence : float
         s without a beat after which the table is stopped.
+    patience : float
+        s that a guard without a host looks for a table that is gone. A simulated one may have ended
+        with its host.
 
     Attributes
     ----------
@@ -41,10 +44,11 @@ class Guard:
         The guard does not reach the table.
     """
 
-    def __init__(self, address: str, silence: float = 1.5):
+    def __init__(self, address: str, silence: float = 1.5, patience: float = 600.0):
         self.interrupted = False
         self._heard, self._beaten = b"", -1.0
-        command = [sys.executable, "-m", "inercal.host.guard", address, "--silence", str(silence)]
+        command = [sys.executable, "-m", "inercal.host.guard", address]
+        command += ["--silence", str(silence), "--patience", str(patience)]
         # A session of its own: no terminal sends it a signal, or takes it along when it closes.
         self._process = Popen(command, 0, None, PIPE, PIPE, STDOUT, start_new_session=True)
         assert self._process.stdin

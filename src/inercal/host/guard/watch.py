@@ -21,7 +21,6 @@ _MARK = 0.5  # s over which a rate must fall by this part, or the table does not
 _FALL = 0.1
 _GRACE = 1.0  # s beyond what deceleration takes
 _HANGS = 5.0  # s by the wall that the controller's clock may stand
-_PATIENCE = 600.0  # s without a word from the table after which a guard without a host gives up
 
 
 class _Mark(NamedTuple):
@@ -65,7 +64,9 @@ class Watch:
     ----------
     address : str
     silence : float
-        s.
+        s without a beat after which the table is stopped.
+    patience : float
+        s without a word from the table after which a guard without a host gives up.
     listen : sequence of int
         Descriptors: the pipe, and what signals to the guard itself write to.
     say : callable
@@ -73,9 +74,14 @@ class Watch:
     """
 
     def __init__(
-        self, address: str, silence: float, listen: tuple[int, int], say: Callable[[str], None]
+        self,
+        address: str,
+        silence: float,
+        patience: float,
+        listen: tuple[int, int],
+        say: Callable[[str], None],
     ):
-        self._address, self._silence = address, silence
+        self._address, self._silence, self._patience = address, silence, patience
         self._pipe, self._signals = listen
         self._say = say
         self._table: RotaryTable | None = None
@@ -104,8 +110,8 @@ class Watch:
                 self._say("ready")
             if self._gone and not self._stopping:
                 return 0
-            if self._gone and now - self._answered > _PATIENCE:
-                self._say(f"cannot: no word from the table for {_PATIENCE:g} s; given up")
+            if self._gone and now - self._answered > self._patience:
+                self._say(f"cannot: no word from the table for {self._patience:g} s; given up")
                 return 1
         return 0
 
