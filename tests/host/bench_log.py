@@ -5,7 +5,7 @@ like, go at their own rates and come round; what arrives, arrives somewhat later
 """
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import ceil, inf
 from pathlib import Path
@@ -125,9 +125,8 @@ class Bench:
                 gone, back = away.pop(0)
                 assert holds[label], "an outage begins in a hold"
                 self.sections.append((back, "session", {"what": "session", "next": number}))
-                pieces.append((gone, starts[k] + 0.0))
-                pieces.append((back + 0.1, starts[k] + 0.0))
-                self._stands = True
+                pieces.append((gone, starts[k]))
+                pieces.append((back + 0.1, starts[k]))
                 continue
             self.sections.append((end, "done", told))
             number, k = number + 1, k + 1
@@ -196,7 +195,6 @@ class Bench:
         if not self.quiet:
             said = said + self.bench.white * self.rng.standard_normal(said.shape)
         moving = np.abs(self.way.at(self.along(times))[1]) > 0
-        moving &= ~np.isin(times, times[[not self.here(t) for t in times.tolist()]])[:, None]
         late = 1e-3 * self.rng.random(times.size)
         made: list[Frame] = []
         for t, row, turns, wait in zip(times.tolist(), said, moving, late, strict=True):
@@ -209,10 +207,9 @@ class Bench:
 
     def _imu(self) -> list[Frame]:
         n = int(self.end * self.rate * (1 - self.clock)) - 1
-        self.taken = (np.arange(n) + 0.3) / self.rate / (1 - self.clock)
+        self.taken: Array = (np.arange(n) + 0.3) / self.rate / (1 - self.clock)
         data = self.packets(self.taken)
         faults, rng = self.faults, self.rng
-        self.sent = np.ones(n, np.bool_)
         self.lost = rng.random(n) < faults.lost
         self.changed = rng.random(n) < faults.changed
         twice = rng.random(n) < faults.repeated
@@ -244,7 +241,7 @@ class Bench:
         sensor = self.run.sensor.with_coefficients(*self.run.truth)
         c = np.array([self.run.truth[name] for name in sensor.coefficients])
         angles, rates, accelerations = self.way.at(self.along(time))
-        stands = np.isin(np.arange(time.size), [])
+        stands = np.zeros(time.size, np.bool_)
         for gone, back in self.faults.outages:
             stands |= (time >= gone) & (time < back + 0.1)
         rates[stands], accelerations[stands] = 0.0, 0.0
@@ -277,6 +274,3 @@ def event(time: float, told: dict[str, object]) -> Frame:
 
 def _parts(n: int, size: int = 8192) -> list[slice]:
     return [slice(k, min(k + size, n)) for k in range(0, ceil(n / size) * size, size)]
-
-
-Feed = Callable[[Frame], None]

@@ -23,7 +23,7 @@ from inercal.host.states import polls
 from inercal.io.atomic import atomic_write
 from inercal.pipeline.inputs import readback_columns
 from inercal.runfile import Run
-from inercal.units import factor, to_si
+from inercal.units import to_si
 
 Array = NDArray[np.float64]
 _FRAMES = 4096  # worked through at once
@@ -179,10 +179,8 @@ def _columns(run: Run, assembly: Assembly, blocks: list[Block]) -> dict[str, NDA
     }
     if data.temperature is not None:
         kelvin = _filled(np.concatenate([one.temperature for one in blocks]))
-        unit = data.temperature_unit
-        columns[str(data.temperature)] = (kelvin - to_si(np.zeros(1), unit, "K")) / factor(
-            unit, "K"
-        )
+        zero, one = to_si(np.array([0.0, 1.0]), data.temperature_unit, "K")
+        columns[str(data.temperature)] = (kelvin - zero) / (one - zero)
     return columns
 
 

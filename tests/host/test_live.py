@@ -1,0 +1,141 @@
+"""Live filters against the recording's calibration: to the last bit, whatever went wrong."""
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+from tests.host.bench_log import LAYOUT, PATH, Bench, Faults, run_file
+
+from inercal.benches import Turntable
+from inercal.errors import InputError
+from inercal.host import record
+from inercal.host.assembly import Assembly
+from inercal.host.live import Live
+from inercal.host.log import Frame, Log
+from inercal.methods.turntable_kalman.follow import WAYS, accelerometers, apart, gyros
+from inercal.methods.turntable_kalman.innovations import Filtered
+from inercal.pipeline import calibrate
+from inercal.pipeline.turntable import gather
+from inercal.runfile import Run, read
+
+HARD = Faults(lost=0.01, repeated=0.01, changed=0.01, outages=((55.0, 400.0),))
+METHOD = 'name = "turntable_kalman"'
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("run")
+
+
+@pytest.fixture(scope="module")
+def bench(folder: Path) -> Bench:
+    run = run_file(
+        folder, **{'latency = "0 ms ± 5 ms"': 'latency = "0 ms ± 5 ms"\nclock = "20 ppm"'}
+    )
+    return Bench(run, seed=2, wraps=300.0, clock=11e-6, latency=2e-3, faults=HARD)
+
+
+@pytest.fixture(scope="module")
+def logged(bench: Bench, folder: Path) -> list[Frame]:
+    frames = bench.frames()
+    with Log(folder / "log") as log:
+        for frame in frames:
+            log.append(*frame)
+    record.write(bench.run, LAYOUT, folder / "log", folder)
+    return frames
+
+
+def followed(run: Run, logged: list[Frame], cuts: list[int]) -> Live:
+    made, live = Assembly.of(run, LAYOUT), Live(run)
+    bounds: list[int] = [0, *cuts, len(logged)]
+    for start, stop in pairwise(bounds):
+        for frame in logged[start:stop]:
+            made.feed(frame)
+        if (block := made.take()) is not None:
+            live.feed(block)
+    return live
+
+
+def by_recording(run: Run) -> dict[str, Filtered]:
+    """Return what both filters make of the recording, as the pipeline gathers it."""
+    assert isinstance(run.bench, Turntable)
+    track = gather(run, run.bench).observations.track
+    assert track is not None
+    way, priors = WAYS[run.estimator], apart(run.sensor, run.priors)
+    return {
+        "w": gyros(run.sensor, run.bench, track, way, priors),
+        "f": accelerometers(run.sensor, run.bench, track, way, priors),
+    }
+
+
+@pytest.mark.parametrize("estimator", ["full", "drift", "paper"])
+def test_live_is_the_recordings_calibration_to_the_last_bit(
+    bench: Bench, logged: list[Frame], folder: Path, estimator: str
+):
+    run = read(folder / "mimu.toml", {"estimator": estimator})
+    rng = np.random.default_rng(4)
+    cuts = np.sort(rng.choice(np.arange(1, len(logged)), 500, replace=False)).tolist()
+    live = followed(run, logged, cuts)
+    stored = by_recording(run)
+    for kind, found in live.found.items():
+        assert found.value.tobytes() == stored[kind].value.tobytes()
+        assert found.covariance.tobytes() == stored[kind].covariance.tobytes()
+    assert set(live.found) == {"w", "f"}
+    outcome = calibrate(run)
+    p = len(run.sensor.coefficients)
+    assert outcome.estimate.value[:p].tobytes() == live.values.tobytes()
+    components = sum(one.components for one in stored.values())
+    assert live.nis == pytest.approx(sum(one.nis for one in stored.values()) / components, 1e-9)
+
+
+def test_the_truth_is_recovered_over_losses_and_an_outage(
+    bench: Bench, logged: list[Frame], folder: Path
+):
+    run = bench.run
+    live = followed(run, logged, list(range(500, len(logged), 500)))
+    truth = np.array([run.truth[name] for name in live.names])
+    off = live.values - truth
+    for kind, found in live.found.items():
+        own = run.sensor.only("w" if kind == "w" else "f").coefficients
+        at, p = [live.names.index(name) for name in own], len(own)
+        nees = float(off[at] @ np.linalg.solve(found.covariance[:p, :p], off[at]))
+        assert chi2.ppf(1e-3, p) < nees < chi2.ppf(1 - 1e-3, p)
+    assert np.abs(off / live.std).max() < 4
+    outcome = calibrate(run)
+    latency = dict(zip(outcome.estimate.names, outcome.estimate.value, strict=True))["latency"]
+    assert abs(latency - 2e-3) < 5e-3
+    assert not [one for one in outcome.findings if one.severity == "refused"]
+
+
+def test_nothing_is_known_before_the_rest_has_lasted(bench: Bench, logged: list[Frame]):
+    run = bench.run
+    made, live = Assembly.of(run, LAYOUT), Live(run)
+    assert np.isnan([live.time, live.nis, *live.values, *live.std]).all()
+    begun: list[float] = []
+    for k, frame in enumerate(logged):
+        made.feed(frame)
+        if k % 50 == 0 and (block := made.take()) is not None:
+            live.feed(block)
+            if live.begun:
+                begun.append(live.time)
+        if begun:
+            break
+    assert begun[0] == pytest.approx(20.0 + 0.26, abs=0.6)
+    assert np.isfinite(live.values).all()
+    assert (live.std > 0).all()
+    assert [one.name for one in live.courses] == ["gyros", "accelerometers"]
+
+
+def test_a_rest_that_is_too_short_is_said(tmp_path: Path):
+    run = run_file(tmp_path, PATH.replace("0,0,0,24", "0,0,0,12"))
+    logged = Bench(run, seed=1).frames()
+    with pytest.raises(InputError, match="begins with a rest of 11"):
+        followed(run, logged, list(range(100, len(logged), 100)))
+
+
+def test_another_method_is_not_followed(tmp_path: Path):
+    run = run_file(tmp_path, **{METHOD: 'name = "turntable_discrete"', 'path = "path.csv"': ""})
+    with pytest.raises(InputError, match="possible: turntable_kalman"):
+        Live(run)

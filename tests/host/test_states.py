@@ -1,0 +1,64 @@
+"""The state of a table as bytes of the log."""
+
+from math import inf, nan
+
+import numpy as np
+import pytest
+
+from inercal.errors import InputError
+from inercal.host.drivers.table import AxisState, TableState
+from inercal.host.states import pack, polls, unpack
+
+STATE = TableState(
+    12.5,
+    (
+        AxisState(0.1, -0.2, 1e-6, True, False, True, True),
+        AxisState(1e9, inf, nan, False, True, True, False, ("amplifier fault", "and more")),
+    ),
+    3e-4,
+)
+
+
+def test_a_state_comes_back_to_the_last_bit_with_its_faults_as_a_flag():
+    back = unpack(pack(STATE))
+    assert (back.time, back.span) == (12.5, 3e-4)
+    assert back.axes[0] == STATE.axes[0]
+    one = back.axes[1]
+    assert (one.angle, one.rate) == (1e9, inf)
+    assert np.isnan(one.following_error)
+    assert (one.in_position, one.moving, one.enabled, one.homed) == (False, True, True, False)
+    assert one.faults
+    assert len(pack(STATE)) == 16 + 2 * 25
+
+
+def test_many_states_are_what_each_of_them_is():
+    rng = np.random.default_rng(0)
+    states = [
+        TableState(
+            k,
+            tuple(
+                AxisState(*rng.standard_normal(3).tolist(), *(rng.random(4) < 0.5).tolist())
+                for _ in range(3)
+            ),
+        )
+        for k in range(50)
+    ]
+    many = polls([pack(one) for one in states])
+    assert many.time.tolist() == list(range(50))
+    for k, one in enumerate(states):
+        assert many.angle[k].tolist() == [axis.angle for axis in one.axes]
+        assert many.rate[k].tolist() == [axis.rate for axis in one.axes]
+        assert many.following_error[k].tolist() == [axis.following_error for axis in one.axes]
+        assert many.settled[k] == all(axis.settled for axis in one.axes)
+
+
+@pytest.mark.parametrize("length", [0, 15, 16, 40, 42])
+def test_what_is_no_state_is_refused(length: int):
+    with pytest.raises(InputError, match=f"{length} bytes are no state"):
+        unpack(b"\0" * length)
+
+
+def test_states_of_two_tables_do_not_go_together():
+    one = TableState(0.0, STATE.axes[:1])
+    with pytest.raises(InputError, match="different numbers of axes"):
+        polls([pack(STATE), pack(one)])
