@@ -207,7 +207,8 @@ class Bench:
 
     def _imu(self) -> list[Frame]:
         n = int(self.end * self.rate * (1 - self.clock)) - 1
-        self.taken: Array = (np.arange(n) + 0.3) / self.rate / (1 - self.clock)
+        numbers = np.arange(n, dtype=np.float64)
+        self.taken = (numbers + 0.3) / self.rate / (1 - self.clock)
         data = self.packets(self.taken)
         faults, rng = self.faults, self.rng
         self.lost = rng.random(n) < faults.lost
