@@ -54,7 +54,8 @@ class Listening:
     def __init__(self, opener: Callable[[], ImuPort], tick: Tick):
         self._open = opener
         self._port: ImuPort | None = opener()
-        self._base = tick.sent or 0  # what the bench had sent before the port was there
+        # What a simulated bench had sent before; None: its bytes are taken as they come.
+        self._base = tick.sent
         self._heard, self._calm = tick.time, tick.time
         self._tried = 0.0
         self.trouble: str | None = None
@@ -66,7 +67,7 @@ class Listening:
         if self._port is None:
             return Heard([])
         try:
-            if tick.sent is None:
+            if tick.sent is None or self._base is None:
                 pieces = self._port.take()
             else:
                 # Bytes of a simulated bench are of the time that the bench says, however they came.
@@ -95,7 +96,7 @@ class Listening:
             self._port = self._open()
         except LinkLost:
             return False
-        self._base = tick.sent or 0
+        self._base = None  # how much of what was sent came before, nobody knows
         self._heard = self._calm = tick.time
         return True
 

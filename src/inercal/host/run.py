@@ -19,6 +19,7 @@ from contextlib import ExitStack
 from datetime import datetime
 from math import isfinite, nan
 from queue import SimpleQueue
+from select import select
 from time import monotonic
 from typing import Literal, NamedTuple, Self
 
@@ -26,7 +27,7 @@ from inercal.benches import Turntable
 from inercal.errors import InercalError, InputError
 from inercal.host.addresses import layout_of_address, open_imu, open_table
 from inercal.host.assembly import Assembly, Block
-from inercal.host.clock import Clock, SimulatedClock, Tick, WallClock
+from inercal.host.clock import Clock, SimulatedClock, WallClock
 from inercal.host.drivers.table import ProtocolError, TableFault, TableState
 from inercal.host.folder import Folder
 from inercal.host.guard import Guard
@@ -49,6 +50,9 @@ _SHOWN = 0.2  # s of the wall's between two looks at the run
 _UNHEARD = 5  # readings of the table in a row that may fail
 _KEPT = 8  # events that a view shows
 _AT_REST = 1e-3  # rad/s
+_LOOKS = 0.05  # s of the wall's between two looks at the watchdog
+_LEAVING = 30.0  # s of the wall's to come to rest in, seen by the watchdog
+_PATIENCE, _SIMULATED = 600.0, 10.0  # s that it looks for a table that is gone
 _TRIAD = 3
 _GRACE = 5.0  # s to come to rest in, beside what the deceleration takes
 _Why = Literal["operator", "watchdog", "IMU"]
@@ -166,13 +170,18 @@ class BenchRun:
             self._interlocks = Interlocks(
                 self._table.limits, bench, run.sensor, options.temperature
             )
-            now, clock = self._clock.now(), self._clock
-            self._imu = Listening(lambda: open_imu(addresses.imu, clock.now), Tick(now, 0, now))
+            # A simulated bench stands still from here on: the port opens between two packets.
+            clock, now = self._clock, self._clock.now()
+            clock.begin(now)
+            tick = clock.end()
+            self._imu = Listening(lambda: open_imu(addresses.imu, clock.now), tick)
             opened.callback(self._imu.close)
-            self._guard = opened.enter_context(Guard(addresses.table))
+            patience = _SIMULATED if addresses.clock else _PATIENCE
+            self._guard = opened.enter_context(Guard(addresses.table, patience=patience))
             self._opened = opened.pop_all()
-        self.time, self._next = now, now + POLL
-        self._since = monotonic(), now
+        self.time, self._next = tick.time, tick.time + POLL
+        self._since = monotonic(), tick.time
+        self._rests, self._looked = True, 0.0
 
     @property
     def speed(self) -> float:
@@ -196,9 +205,12 @@ class BenchRun:
         """
         with self._guard.catch_signals():
             self._attach()
-            while not self.sequencer.over:
-                self._tick()
-            self._come_to_rest()
+            try:
+                while not self.sequencer.over:
+                    self._tick()
+                self._come_to_rest()
+            except LinkLost as error:
+                self._end(f"the bench's clock is gone: {error}")
         self._work()
         self._journal.end("running" if self.sequencer.phase == "done" else "interrupted")
         self._show(self)
@@ -217,6 +229,7 @@ class BenchRun:
         self._next = max(self._next, tick.time) + POLL
         self.time = tick.time
         self._guard.beat()
+        self._rests = False
         fresh = self._read()
         heard = self._imu.take(tick)
         if heard.opened:
@@ -244,6 +257,7 @@ class BenchRun:
         self._unheard = 0
         self._keep(TABLE, (asked + self._clock.now()) / 2, pack(state))
         self.state = state
+        self._rests = all(abs(axis.rate) < _AT_REST and not axis.moving for axis in state.axes)
         return state
 
     def _watch(self) -> None:
@@ -256,15 +270,8 @@ class BenchRun:
                     self._paused.pop("operator", None)
                 case "stop":
                     self._end("stopped by the operator")
-        for line in self._guard.said():
-            if line == "at rest":
-                self._paused.pop("watchdog", None)
-            else:
-                self._pause("watchdog", f"watchdog: {line}")
-        if self._guard.interrupted:
-            self._end("stopped by the operator")
-        elif not self._guard.alive:
-            self._end("the watchdog is gone")
+        if monotonic() - self._looked >= _LOOKS:
+            self._look_at_guard()
         if self._imu.trouble is None:
             self._paused.pop("IMU", None)
         elif self.time - self._imu.since > self._options.patience:
@@ -274,6 +281,19 @@ class BenchRun:
         if self.sequencer.phase == "paused" and not self._paused:
             self._say("info", "goes on")
             self.sequencer.go_on()
+
+    def _look_at_guard(self) -> None:
+        """Hear what the watchdog says, and that it is there."""
+        self._looked = monotonic()
+        if self._guard.interrupted:
+            self._end("stopped by the operator")
+        for line in self._guard.said():
+            if line == "at rest":
+                self._paused.pop("watchdog", None)
+            elif line != "ready":
+                self._pause("watchdog", f"watchdog: {line}")
+        if not self._guard.alive:
+            self._end("the watchdog is gone")
 
     def _go_on(self, state: TableState) -> None:
         """Show the sequencer a state of the table, and do what it says."""
@@ -286,6 +306,8 @@ class BenchRun:
         try:
             self._tell(self.sequencer.step(state))
         except (TableFault, ProtocolError, LinkLost) as error:
+            # It may be the watchdog that stopped the table.
+            self._look_at_guard()
             if "watchdog" not in self._paused:
                 self._end(str(error))
         self._sections()
@@ -343,15 +365,8 @@ class BenchRun:
         """See the table come to rest; where it does not, or is gone, the watchdog has it."""
         slowest = max(one.rate / one.acceleration for one in self._bench.limits_of_axes)
         until = self.time + slowest + _GRACE
-        while self.time < until:
+        while self.time < until and not self._rests:
             self._tick()
-            state = self.state
-            if state is not None and all(
-                abs(axis.rate) < _AT_REST and not axis.moving for axis in state.axes
-            ):
-                return
-        self._say("alarm", "the table is not seen to come to rest; the watchdog is told to stop it")
-        self._guard.stop()
 
     def _work(self) -> None:
         """Make a block of what came, see that gyros and table agree, and hand it to the filters."""
@@ -411,7 +426,21 @@ class BenchRun:
         return self
 
     def __exit__(self, *_: object) -> None:
+        if not self._rests:
+            self._leave()
         self._opened.close()
+
+    def _leave(self) -> None:
+        """Have the watchdog bring the table to rest, where that was not seen."""
+        self._clock.close()  # a simulated bench goes on by itself then
+        self._guard.stop()
+        until = monotonic() + _LEAVING
+        lines = list[str]()
+        while "at rest" not in lines and self._guard.alive and monotonic() < until:
+            select([], [], [], _LOOKS)
+            lines += self._guard.said()
+        if "at rest" not in lines:
+            self._say("alarm", f"{'; '.join(lines[-1:])}: nobody has seen the table come to rest")
 
 
 def _clock(addresses: Addresses, options: Options, journal: Journal) -> Clock:
