@@ -4,6 +4,7 @@ import subprocess
 import sys
 from contextlib import suppress
 from pathlib import Path
+from shutil import rmtree
 from typing import Literal, Self
 
 from inercal.errors import InputError
@@ -58,11 +59,13 @@ class SimulatedBench:
     ):
         self._drawn = draw(read(run), seed)
         self._processes: dict[str, subprocess.Popen[str]] = {}
+        self._folder: Path | None = None
         common = [str(run), "--seed", str(seed)]
         try:
             rate = [] if rate_hz is None else ["--rate", repr(float(rate_hz))]
             place = ["--terminal"] if terminal else ["--port", "0"]
             imu, _, motion = self._start("imu", "mimu", *common, "--preset", preset, *rate, *place)
+            self._folder = Path(motion.removeprefix("unix:")).parent
             told = ["--pace", str(pace), "--motion", motion]
             table, *clock = self._start("table", "bench", *common, *told)
         except BaseException:
@@ -113,6 +116,9 @@ class SimulatedBench:
                 process.kill()
                 process.wait()
         self._processes.clear()
+        # A process that was killed leaves it behind.
+        if self._folder is not None:
+            rmtree(self._folder, ignore_errors=True)
 
     def _start(self, which: str, module: str, *options: str) -> list[str]:
         """Start a process; return the words behind `at` in its first line."""

@@ -70,7 +70,10 @@ class Drawn:
             return None
 
         def reading(angle: float) -> float:
-            return angle + sum(s * sin(h * angle) + c * cos(h * angle) for h, s, c in amplitudes)
+            said = angle
+            for h, s, c in amplitudes:
+                said += s * sin(h * angle) + c * cos(h * angle)
+            return said
 
         return reading
 

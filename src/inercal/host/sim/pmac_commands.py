@@ -32,6 +32,7 @@ _DEFAULTS = {
     21: 0.0, 22: 300.0, 23: 100.0, 24: float(0x120001), 28: 16 * 5.0, 60: 0.0,
 }  # fmt: skip
 _ADDRESSES = (24,)
+_PARTS = tuple(f"{part / 32:.5f}".rstrip("0").removeprefix("0").rstrip(".") for part in range(32))
 _MOST_LINES = 200  # that are kept as steps
 
 # What one command does: it returns what it says, or raises `_Wrong`.
@@ -287,7 +288,8 @@ def _number(text: str) -> float:
 
 def _fraction(counts: float) -> str:
     """Round counts to 1/32, as the controller's registers have them."""
-    return _decimal(round(counts * 32) / 32, 5)
+    parts = round(counts * 32)
+    return f"{'-' if parts < 0 else ''}{abs(parts) >> 5}{_PARTS[abs(parts) & 31]}"
 
 
 def _decimal(value: float, digits: int) -> str:
