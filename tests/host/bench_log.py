@@ -176,8 +176,8 @@ class Bench:
         return made
 
     @property
-    def _wraps(self) -> float:
-        return self.wraps if np.isfinite(self.wraps) else 1e9
+    def _wraps(self) -> float | None:
+        return self.wraps if np.isfinite(self.wraps) else None
 
     def _servo(self, time: float) -> float:
         """Return the table's clock: counted on from where the host connected."""

@@ -6,6 +6,11 @@ latency. Arrivals serve for nothing else but to tell, after an outage, how often
 again meanwhile.
 
 The same frames give the same samples to the last bit, however often `take` is called.
+
+Events are JSON objects by their `what`. "session": a host attached; `next` is the first step that
+is to be done (anew), `wraps` the s after which the table's clock begins again, null or left out if
+never. "section": `number`, `label`, `state` "begun", "done" or "void", `time` by the table's clock,
+and whether it is a `hold`. Others are of no matter here.
 """
 
 import json
@@ -209,7 +214,8 @@ class Assembly:
         elif event.get("what") == "session":
             self._sections.session(int(event.get("next", 0)), self._table.last)
             self._imu.session()
-            self._table.session(float(event.get("wraps", np.inf)))
+            wraps = event.get("wraps")
+            self._table.session(np.inf if wraps is None else float(wraps))
 
     def _fresh(self) -> None:
         """Begin a recording."""
