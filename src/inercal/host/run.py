@@ -181,13 +181,15 @@ class BenchRun:
             self._opened = opened.pop_all()
         self.time, self._next = tick.time, tick.time + POLL
         self._since = monotonic(), tick.time
+        self._over: float | None = None
         self._rests, self._looked = True, 0.0
 
     @property
     def speed(self) -> float:
         """Seconds of the bench in one of the wall's, so far."""
         wall, bench = self._since
-        return (self.time - bench) / max(monotonic() - wall, 1e-9)
+        now = monotonic() if self._over is None else self._over
+        return (self.time - bench) / max(now - wall, 1e-9)
 
     @property
     def paused(self) -> str:
@@ -212,6 +214,7 @@ class BenchRun:
             except LinkLost as error:
                 self._end(f"the bench's clock is gone: {error}")
         self._work()
+        self._over = monotonic()
         self._journal.end("running" if self.sequencer.phase == "done" else "interrupted")
         self._show(self)
         return self.sequencer.phase == "done"
