@@ -168,9 +168,6 @@ class Accelerometers:
         epochs = strapdown.due_in_holds(
             track.time, track.hold, model.PERIOD * (1 - 1e-6), after.time[1], after.hold[0]
         )
-        # One order in memory however few the epochs, so that kernels are compiled once.
-        angles = np.ascontiguousarray(track.angles[epochs])
-        seen = misalignment(self.bench, angles)
         history = np.zeros((epochs.size, 6 + 2 * state.x.size))
         steps = room(self.states, smooth, epochs.size, 6, 5)
         nis = _accelerometers.accelerometers(
@@ -179,13 +176,7 @@ class Accelerometers:
                 np.ascontiguousarray(track.reading[:, self.part.channels]),
                 track.hold,
             ),
-            Readback(
-                epochs,
-                reference(self.bench, angles),
-                np.ascontiguousarray(beside(seen, self.table)[:, :2]),
-                self._held(angles),
-                self._noise(seen, angles),
-            ),
+            self._readback(epochs, track.angles[epochs]),
             known(self.part, self.bench),
             Settings(self.still**2, _ALIGNED**2),
             after,
@@ -196,6 +187,22 @@ class Accelerometers:
         after = after._replace(nis=state.nis + nis, epochs=state.epochs + taken)
         return after, course(
             "accelerometers", self.states, smooth, track.time[epochs], history, steps
+        )
+
+    def _readback(self, epochs: NDArray[np.int64], angles: Array) -> Readback:
+        """Return what the kernel is told of the readback (e, k) at epochs."""
+        e, q = len(angles), len(self.table)
+        if not e:  # as long as the table moves
+            shapes = (e, 3, 3), (e, 2, q), (e, 2), (e, 2)
+            return Readback(epochs, *(np.zeros(shape) for shape in shapes))
+        seen = misalignment(self.bench, angles)
+        return Readback(
+            epochs,
+            reference(self.bench, angles),
+            # Of one layout whatever e is: a kernel is compiled for each.
+            np.ascontiguousarray(beside(seen, self.table)[:, :2]),
+            self._held(angles),
+            self._noise(seen, angles),
         )
 
     def _held(self, angles: Array) -> Array:
