@@ -23,6 +23,8 @@ from inercal.pipeline import Outcome
 from inercal.pipeline.truth import in_frame_of
 from inercal.runfile import Run, read
 
+# So seldom, 24 minutes pass in 24 s; at 15 °/s² angles between are within some arcseconds.
+_POLL = 0.05  # s
 _RUN_FILE, _PATH = "mimu.toml", "path.csv"
 
 
@@ -85,7 +87,7 @@ def demo(
             # The bench's processes have read the run file; from here on its copy counts.
             assert bench.clock is not None
             addresses = Addresses(bench.table, bench.imu, bench.clock)
-            made, journal = begin(folder, run, addresses)
+            made, journal = begin(folder, run, addresses, _POLL)
             with journal:
                 compiled(made.run)
                 with BenchRun(made, journal, addresses, show=show) as going:

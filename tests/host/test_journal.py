@@ -16,14 +16,14 @@ from inercal.host.journal import Journal
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     made = tmp_path / "run.sqlite"
-    Journal.begin(made, "plan.toml", ("pmac://a:1025", "tcp://b:1", ""), 3).close()
+    Journal.begin(made, "plan.toml", ("pmac://a:1025", "tcp://b:1", ""), 0.02, 3).close()
     return made
 
 
 def test_a_journal_says_again_what_it_was_told(path: Path):
     with Journal(path) as journal:
         run = journal.run()
-        assert run[1:] == ("plan.toml", "pmac://a:1025", "tcp://b:1", "", 3, "running")
+        assert run[1:] == ("plan.toml", "pmac://a:1025", "tcp://b:1", "", 0.02, 3, "running")
         assert journal.done() == 0
         assert journal.sections() == ()
         journal.section(0, "warm-up", "begun", 1.5)
@@ -49,11 +49,11 @@ def test_a_journal_says_again_what_it_was_told(path: Path):
 
 def test_what_is_no_journal_is_refused_in_one_line(path: Path, tmp_path: Path):
     with pytest.raises(InputError, match="there already"):
-        Journal.begin(path, "", ("", "", ""), 0)
+        Journal.begin(path, "", ("", "", ""), 0.02, 0)
     with pytest.raises(InputError, match="there is no journal"):
         Journal(tmp_path / "none.sqlite")
     with pytest.raises(InputError, match="can its folder be written"):
-        Journal.begin(tmp_path / "none" / "run.sqlite", "", ("", "", ""), 0)
+        Journal.begin(tmp_path / "none" / "run.sqlite", "", ("", "", ""), 0.02, 0)
     (tmp_path / "text").write_text("no database at all, but longer than a hundred bytes " * 4)
     with pytest.raises(InputError, match="is it a journal"):
         Journal(tmp_path / "text")
@@ -77,7 +77,7 @@ for k in range(10**6):
 def test_every_step_that_was_told_done_is_there_after_a_kill(tmp_path: Path):
     for k in range(5):
         path = tmp_path / f"{k}.sqlite"
-        Journal.begin(path, "", ("", "", ""), 3).close()
+        Journal.begin(path, "", ("", "", ""), 0.02, 3).close()
         with subprocess.Popen(
             [sys.executable, "-c", WRITER, str(path)], stdout=subprocess.PIPE, text=True
         ) as writer:

@@ -86,8 +86,8 @@ def shared(address: str) -> bool:
     return not (kind == "motor" and at.startswith("serial:"))
 
 
-def open_imu(address: str, now: Callable[[], float]) -> ImuPort:
-    """Return the port to the IMU at `address`; `now` tells the time of what comes, s.
+def open_imu(address: str, now: Callable[[], float], *, waits: bool = False) -> ImuPort:
+    """Return the port to the IMU at `address`; `now` and `waits` as of `ImuPort`.
 
     Raises
     ------
@@ -99,7 +99,7 @@ def open_imu(address: str, now: Callable[[], float]) -> ImuPort:
     from inercal.host.imu import ImuPort
 
     layout, link = layout_of_address(address), link_of_address(address)
-    return ImuPort(open_link(link), layout, now)
+    return ImuPort(open_link(link), layout, now, waits=waits)
 
 
 def layout_of_address(address: str) -> Layout:

@@ -13,7 +13,6 @@ from inercal.host.journal import Journal
 from inercal.host.live import Live
 from inercal.host.log import digest
 from inercal.host.record import write
-from inercal.host.run import POLL
 from inercal.pipeline import Outcome, calibrate
 from inercal.report import write_report
 
@@ -43,7 +42,7 @@ def finish(folder: Folder, journal: Journal, live: Live | None = None) -> Finish
     run = folder.run
     was = journal.run()
     about = {"table": was.table, "imu": was.imu, "begun": was.begun, "inercal": version("inercal")}
-    recording = write(run, layout_of_address(was.imu), folder.log, folder.path, about, POLL)
+    recording = write(run, layout_of_address(was.imu), folder.log, folder.path, about, was.poll)
     files = {"run_file": run.path, "log": folder.log, "recording": recording}
     _digests(journal, files)
     outcome = calibrate(run)

@@ -21,6 +21,7 @@ from inercal.io.atomic import atomic_write
 from inercal.runfile import Run, read
 
 LOG, JOURNAL = "run.log", "run.journal"
+POLL = 0.02  # s
 
 
 @dataclass(frozen=True)
@@ -82,9 +83,18 @@ class Folder:
 
 
 def begin(
-    path: str | os.PathLike[str], run: Run, addresses: tuple[str, str, str]
+    path: str | os.PathLike[str], run: Run, addresses: tuple[str, str, str], poll: float = POLL
 ) -> tuple[Folder, Journal]:
     """Make the folder of a run and its journal, before anything moves.
+
+    Parameters
+    ----------
+    path : path
+    run : Run
+    addresses : tuple of str
+        Of table, IMU and clock.
+    poll : float
+        s between readings of the table.
 
     Raises
     ------
@@ -95,7 +105,7 @@ def begin(
     require_recordable(run)
     count = len(run.steps)
     folder = Folder.begin(path, run)
-    return folder, Journal.begin(folder.journal, run.path.name, addresses, count)
+    return folder, Journal.begin(folder.journal, run.path.name, addresses, poll, count)
 
 
 def resumed(path: str | os.PathLike[str]) -> tuple[Folder, Journal]:

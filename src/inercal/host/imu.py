@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Callable
 from math import isnan, nan
 from threading import Condition, Thread
+from time import monotonic
 from typing import Self
 
 from inercal.errors import InercalError
@@ -30,6 +31,9 @@ class ImuPort:
         Of the packets.
     now : callable
         Returns the time of what comes, s.
+    waits : bool
+        The other end waits for the host, as a simulated bench does whose time is granted: no thread
+        is needed, and `take` reads by itself.
 
     Attributes
     ----------
@@ -44,7 +48,9 @@ class ImuPort:
         The other end is gone already.
     """
 
-    def __init__(self, link: Link, layout: Layout, now: Callable[[], float]):
+    def __init__(
+        self, link: Link, layout: Layout, now: Callable[[], float], *, waits: bool = False
+    ):
         self.layout = layout
         self.received = self.thrown = 0
         self._link, self._now = link, now
@@ -59,8 +65,10 @@ class ImuPort:
         except BaseException:
             link.close()
             raise
-        self._thread = Thread(target=self._read, name=f"reads {link.address}", daemon=True)
-        self._thread.start()
+        self._thread: Thread | None = None
+        if not waits:
+            self._thread = Thread(target=self._read, name=f"reads {link.address}", daemon=True)
+            self._thread.start()
 
     @property
     def address(self) -> str:
@@ -84,11 +92,12 @@ class ImuPort:
             The other end is gone, and all that came before is handed out; or the bytes up to
             `upto` do not come in time.
         """
+        if self._thread is None:
+            self._read_now(upto, timeout)
         with self._came:
             if upto is not None and self.received < upto and self._lost is None:
-                self._came.wait_for(
-                    lambda: self.received >= upto or self._lost is not None, timeout
-                )
+                left = 0.0 if self._thread is None else timeout
+                self._came.wait_for(lambda: self.received >= upto or self._lost is not None, left)
                 if self.received < upto and self._lost is None:
                     raise LinkLost(
                         f"{self.address}: {upto - self.received} bytes that were sent have not "
@@ -102,7 +111,8 @@ class ImuPort:
     def close(self) -> None:
         """Stop reading, and close the link; a second time does nothing."""
         self._closed = True
-        self._thread.join()
+        if self._thread is not None:
+            self._thread.join()
         self._link.close()
 
     def _out(self, upto: int) -> list[tuple[float, bytes]]:
@@ -116,6 +126,21 @@ class ImuPort:
             pieces.append((time, data))
             self._taken += len(data)
         return pieces
+
+    def _read_now(self, upto: int | None, timeout: float) -> None:
+        """Read what there is, or up to so many bytes in all."""
+        end = monotonic() + timeout
+        try:
+            while self._lost is None and (upto is None or self.received < upto):
+                left = 0.0 if upto is None else end - monotonic()
+                data = self._link.read(_MOST, max(left, 0.0))
+                if data:
+                    self._pieces.append((self._now(), data))
+                    self.received += len(data)
+                elif left <= 0:
+                    return
+        except InercalError as error:
+            self._lost = error
 
     def _read(self) -> None:
         """Read until the end, in the thread."""

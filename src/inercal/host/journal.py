@@ -18,8 +18,8 @@ from inercal.errors import InputError
 _VERSION = 1
 _SCHEMA = """
 CREATE TABLE run (begun TEXT NOT NULL, run_file TEXT NOT NULL, table_address TEXT NOT NULL,
-                  imu_address TEXT NOT NULL, clock_address TEXT NOT NULL, steps INTEGER NOT NULL,
-                  state TEXT NOT NULL);
+                  imu_address TEXT NOT NULL, clock_address TEXT NOT NULL, poll REAL NOT NULL,
+                  steps INTEGER NOT NULL, state TEXT NOT NULL);
 CREATE TABLE section (id INTEGER PRIMARY KEY, step INTEGER NOT NULL, label TEXT NOT NULL,
                       what TEXT NOT NULL, time REAL NOT NULL);
 CREATE TABLE event (id INTEGER PRIMARY KEY, at TEXT NOT NULL, time REAL, level TEXT NOT NULL,
@@ -39,6 +39,8 @@ class Run(NamedTuple):
         Its name, beside the journal.
     table, imu, clock : str
         Addresses; that of the clock is a simulated bench's, else empty.
+    poll : float
+        s between readings of the table.
     steps : int
     state : str
         "running", "done" or "interrupted"; one that says "running" and has no host was interrupted.
@@ -49,6 +51,7 @@ class Run(NamedTuple):
     table: str
     imu: str
     clock: str
+    poll: float
     steps: int
     state: str
 
@@ -93,6 +96,7 @@ class Journal:
         path: str | os.PathLike[str],
         run_file: str,
         addresses: tuple[str, str, str],
+        poll: float,
         steps: int,
     ) -> Self:
         """Make a journal and open it.
@@ -104,6 +108,8 @@ class Journal:
             Its name, beside the journal.
         addresses : tuple of str
             Of table, IMU and clock.
+        poll : float
+            s between readings of the table.
         steps : int
             Of the plan.
 
@@ -118,8 +124,8 @@ class Journal:
             db = sqlite3.connect(path)
             with db:
                 db.executescript(f"BEGIN; {_SCHEMA} PRAGMA user_version = {_VERSION}; COMMIT;")
-                row = (_now(), run_file, *addresses, steps, "running")
-                db.execute("INSERT INTO run VALUES (?, ?, ?, ?, ?, ?, ?)", row)
+                row = (_now(), run_file, *addresses, poll, steps, "running")
+                db.execute("INSERT INTO run VALUES (?, ?, ?, ?, ?, ?, ?, ?)", row)
             db.close()
         return cls(path)
 

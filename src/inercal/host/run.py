@@ -4,9 +4,9 @@ Every 20 ms of the bench's time::
 
     clock -> table's state and IMU's bytes -> log -> interlocks -> sequencer -> table, log, journal
 
-and while the bench goes on, what came is assembled and both filters make their steps of it. What
-an estimate is made of is in the log: a run that was interrupted replays it, and repeats the step
-that was in hand whole.
+and now and then what came is assembled, and both filters make their steps of it. What an estimate
+is made of is in the log: a run that was interrupted replays it, and repeats the step that was in
+hand whole.
 
 On any way out the table comes to rest: by the sequencer, or by the watchdog (`guard`), a process of
 its own with its own connection. Both are software; the hardware interlock is the safety function.
@@ -44,8 +44,8 @@ from inercal.host.tasks import tasks
 from inercal.methods.turntable_kalman import METHOD
 from inercal.plan import Position, Rotation
 
-POLL = 0.02  # s between readings of the table
-_PIECE = 0.5  # s of the bench that the filters are handed at a time
+_PIECE, _LONGEST = 0.5, 5.0  # s of the bench that the filters are handed at a time
+_PIECE_WALL = 0.1  # s of the wall's
 _SHOWN = 0.2  # s of the wall's between two looks at the run
 _UNHEARD = 5  # readings of the table in a row that may fail
 _KEPT = 8  # events that a view shows
@@ -153,14 +153,15 @@ class BenchRun:
         self.state: TableState | None = None
         self.trouble = ""
         self._journal, self._options, self._show = journal, options, show
-        self._bench = bench
+        self._bench, self._poll = bench, journal.run().poll
         self._paused: dict[_Why, str] = {}
+        self._commands: list[Command] = []
         self._asked: SimpleQueue[Literal["pause", "go on", "stop"]] = SimpleQueue()
         self._temperature = nan
         self.time = 0.0
-        self._unheard, self._worked, self._shown = 0, 0.0, 0.0
+        self._unheard, self._worked, self._shown = 0, (0.0, 0.0), 0.0
         layout = layout_of_address(addresses.imu)
-        self.assembly = Assembly.of(run, layout, POLL)
+        self.assembly = Assembly.of(run, layout, self._poll)
         with ExitStack() as opened:
             self._log = opened.enter_context(Log(folder.log))
             self._replay(folder)
@@ -174,12 +175,13 @@ class BenchRun:
             clock, now = self._clock, self._clock.now()
             clock.begin(now)
             tick = clock.end()
-            self._imu = Listening(lambda: open_imu(addresses.imu, clock.now), tick)
+            waits = bool(addresses.clock)
+            self._imu = Listening(lambda: open_imu(addresses.imu, clock.now, waits=waits), tick)
             opened.callback(self._imu.close)
             patience = _SIMULATED if addresses.clock else _PATIENCE
             self._guard = opened.enter_context(Guard(addresses.table, patience=patience))
             self._opened = opened.pop_all()
-        self.time, self._next = tick.time, tick.time + POLL
+        self.time, self._next = tick.time, tick.time + self._poll
         self._since = monotonic(), tick.time
         self._over: float | None = None
         self._rests, self._looked = True, 0.0
@@ -208,6 +210,7 @@ class BenchRun:
         with self._guard.catch_signals():
             self._attach()
             try:
+                self._clock.begin(self._next)
                 while not self.sequencer.over:
                     self._tick()
                 self._come_to_rest()
@@ -220,31 +223,45 @@ class BenchRun:
         return self.sequencer.phase == "done"
 
     def _tick(self) -> None:
-        """Let the bench go on by one tick, and do what is to be done of what it brought."""
-        self._clock.begin(self._next)
-        if self.time - self._worked >= _PIECE:
-            self._work()
-        if monotonic() - self._shown >= _SHOWN:
-            self._shown = monotonic()
-            self._show(self)
+        """See what the last tick brought, let the bench go on, and do what is to be done of it.
+
+        Between `end` and `begin` a simulated bench stands still: commands reach it there, one tick
+        after the state that they are for.
+        """
         tick = self._clock.end()
         # A bench that has gone on by itself is not followed tick by tick.
-        self._next = max(self._next, tick.time) + POLL
-        self.time = tick.time
+        self._next = max(self._next, tick.time) + self._poll
+        self.time, self._rests = tick.time, False
         self._guard.beat()
-        self._rests = False
+        self._tell_what_is_due()
         fresh = self._read()
         heard = self._imu.take(tick)
+        self._clock.begin(self._next)
+        if fresh is not None:
+            self._keep(TABLE, fresh[0], pack(fresh[1]))
         if heard.opened:
             self._attach()
         for time, data in heard.pieces:
             self._keep(IMU, time, data)
         self._watch()
         if fresh is not None:
-            self._go_on(fresh)
+            self._go_on(fresh[1])
+        if self._due():
+            self._work()
+        if monotonic() - self._shown >= _SHOWN:
+            self._shown = monotonic()
+            self._show(self)
 
-    def _read(self) -> TableState | None:
-        """Read the table; None where that failed, or where it is gone."""
+    def _due(self) -> bool:
+        """Tell whether the filters are to be handed a piece; that changes no bit of their results.
+
+        A piece has a price of its own: a bench that is sped up has larger ones.
+        """
+        came, passed = self.time - self._worked[0], monotonic() - self._worked[1]
+        return came >= _PIECE and (passed >= _PIECE_WALL or came >= _LONGEST)
+
+    def _read(self) -> tuple[float, TableState] | None:
+        """Return when the table was read, and its state; None where that failed."""
         asked = self._clock.now()
         try:
             state = self._table.read()
@@ -258,10 +275,9 @@ class BenchRun:
             self._end(f"the table is gone: {error}")
             return None
         self._unheard = 0
-        self._keep(TABLE, (asked + self._clock.now()) / 2, pack(state))
         self.state = state
         self._rests = all(abs(axis.rate) < _AT_REST and not axis.moving for axis in state.axes)
-        return state
+        return (asked + self._clock.now()) / 2, state
 
     def _watch(self) -> None:
         """Look at what was asked for, at watchdog and IMU: the run pauses, goes on or ends."""
@@ -307,13 +323,25 @@ class BenchRun:
             self._end(words)
             return
         try:
-            self._tell(self.sequencer.step(state))
-        except (TableFault, ProtocolError, LinkLost) as error:
-            # It may be the watchdog that stopped the table.
-            self._look_at_guard()
-            if "watchdog" not in self._paused:
-                self._end(str(error))
+            self._commands = self.sequencer.step(state)
+        except TableFault as error:
+            self._fail(error)
         self._sections()
+
+    def _tell_what_is_due(self) -> None:
+        """Tell the table what the sequencer has said; it may be paused since."""
+        commands, self._commands = self._commands, []
+        if commands and not self._paused and not self.sequencer.over:
+            try:
+                self._tell(commands)
+            except (TableFault, ProtocolError, LinkLost) as error:
+                self._fail(error)
+
+    def _fail(self, error: InercalError) -> None:
+        # It may be the watchdog that stopped the table.
+        self._look_at_guard()
+        if "watchdog" not in self._paused:
+            self._end(str(error))
 
     def _tell(self, commands: list[Command]) -> None:
         for command in commands:
@@ -373,7 +401,7 @@ class BenchRun:
 
     def _work(self) -> None:
         """Make a block of what came, see that gyros and table agree, and hand it to the filters."""
-        self._worked = self.time
+        self._worked = self.time, monotonic()
         try:
             block = self.assembly.take()
         except InputError as error:
