@@ -50,6 +50,7 @@ _SHOWN = 0.2  # s of the wall's between two looks at the run
 _UNHEARD = 5  # readings of the table in a row that may fail
 _KEPT = 8  # events that a view shows
 _AT_REST = 1e-3  # rad/s
+_AFTER = 1.0  # s that are recorded on: the last samples wait for what the table says after them
 _LOOKS = 0.05  # s of the wall's between two looks at the watchdog
 _LEAVING = 30.0  # s of the wall's to come to rest in, seen by the watchdog
 _PATIENCE, _SIMULATED = 600.0, 10.0  # s that it looks for a table that is gone
@@ -395,8 +396,8 @@ class BenchRun:
     def _come_to_rest(self) -> None:
         """See the table come to rest; where it does not, or is gone, the watchdog has it."""
         slowest = max(one.rate / one.acceleration for one in self._bench.limits_of_axes)
-        until = self.time + slowest + _GRACE
-        while self.time < until and not self._rests:
+        until, after = self.time + slowest + _GRACE, self.time + _AFTER
+        while self.time < until and not (self._rests and self.time > after):
             self._tick()
 
     def _work(self) -> None:
