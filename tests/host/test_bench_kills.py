@@ -81,6 +81,7 @@ def seconds_to_rest(bench: SimulatedBench) -> float:
 
 def require_whole(folder: Path, run: Run) -> None:
     """No sample is lost or doubled in a section that is done; each step was done once, whole."""
+    file: Any
     with h5py.File(folder / "recording.h5") as file:
         time, label = file["time"][:], file["step"].asstr()[:]
         hold = file["hold"][:]

@@ -148,6 +148,9 @@ class Imu:
         times = (numbers + 1) / (self._rate * self._slower) - self._drawn.late(period)[0]
         between = np.empty((len(numbers), self._axes, 3))
         kernel.between(self._ring, period, np.maximum(times, 0.0), between)
+        # By the IMU's own second: so are its coefficients stated, and so can they be found.
+        between[..., 1] /= self._slower
+        between[..., 2] /= self._slower**2
         reading = self._reads(self._felt(between))
         kernel.spoil(reading, self._noise_of(numbers), *self._limits)
         return reading if self._ordered else reading[:, self._order]
