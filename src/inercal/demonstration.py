@@ -94,7 +94,7 @@ def demo(
                     done = going.carry_out()
                 if not done:
                     raise InercalError(f"{folder}: the run was interrupted: {going.trouble}")
-                outcome, written = finish(made, journal, going.live)
+                outcome, written = finish(made, journal, going.account.live)
     calibration = outcome.calibration
     true = in_frame_of(calibration, run.truth)
     error = calibration.values - np.array([true[n] for n in calibration.sensor.coefficients])

@@ -21,7 +21,7 @@ def test_for_more_than_a_minute_in_real_time_no_packet_is_lost(tmp_path: Path, r
         ended = carried_out(tmp_path / "run", bench, run)
         wall = monotonic() - begun
     assert ended.done, ended.words
-    tally = ended.run.assembly.tally
+    tally = ended.run.account.assembly.tally
     print(f"{rate} Hz: {tally.bytes}, {wall:.1f} s of the wall, {ended.run.time:.1f} s of the run")
     assert (tally.bytes.lost, tally.bytes.failed) == (0, 0)
     assert ended.sections[-1][2] - ended.sections[0][1] > 60 - 5

@@ -39,10 +39,10 @@ def test_a_run_does_its_steps_in_order_and_leaves_no_packet_out(
     assert ended.done, ended.words
     assert ended.words == ""
     assert [label for label, _, _ in ended.sections] == ["warm-up", "y up", "z+", "rest"]
-    tally = ended.run.assembly.tally
+    tally = ended.run.account.assembly.tally
     assert (tally.bytes.lost, tally.bytes.failed, tally.bytes.thrown) == (0, 0, 0)
-    assert ended.run.live is not None
-    assert ended.run.live.begun
+    assert ended.run.account.live is not None
+    assert ended.run.account.live.begun
     assert at_rest(bench)
 
 
@@ -54,8 +54,10 @@ def test_how_fast_a_bench_is_run_changes_no_byte_and_no_number(tmp_path: Path):
         with SimulatedBench(run.path, seed=5) as bench:
             ended = carried_out(tmp_path / name, bench, run, options=Options(speed=speed))
         assert ended.done, ended.words
-        assert ended.run.live is not None
-        left.append((list(frames(made(tmp_path / name).log)), ended.run.live.values.tolist()))
+        assert ended.run.account.live is not None
+        left.append(
+            (list(frames(made(tmp_path / name).log)), ended.run.account.live.values.tolist())
+        )
     assert left[0] == left[1]
 
 
@@ -134,7 +136,7 @@ def test_corrupt_bytes_and_lost_packets_are_counted_and_none_of_them_enters(
 
     ended = run_with(tmp_path, bench, "warm-up", "work", spoil)
     assert ended.done, ended.words
-    tally = ended.run.assembly.tally
+    tally = ended.run.account.assembly.tally
     sent = 200 * sum(end - begin for _, begin, end in ended.sections)
     # 1 − 0.999³⁶ of the packets have a byte that is changed; binomial, five standard deviations.
     for share, of in ((1 - 0.999**36, tally.bytes.failed), (0.01 + 0.0354, tally.bytes.lost)):
@@ -143,7 +145,7 @@ def test_corrupt_bytes_and_lost_packets_are_counted_and_none_of_them_enters(
         frame.payload for frame in frames(made(tmp_path / "run").log) if frame.kind == IMU
     )
     assert len(raw) > 30 * 200 * 36 / 2
-    live = ended.run.live
+    live = ended.run.account.live
     assert live is not None
     assert 0.7 < live.nis < 1.3
 

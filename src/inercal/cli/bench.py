@@ -109,7 +109,7 @@ def _go(
         print(f"go on by: inercal bench resume {folder.path}", file=sys.stderr)
         raise typer.Exit(1)
     with working(f"calibrating {folder.run.sensor.name} from {folder.run.data.file}"):
-        outcome, files = finish(folder, journal, bench.live)
+        outcome, files = finish(folder, journal, bench.account.live)
     if json:
         as_json(as_object(outcome.calibration) | files)
         return

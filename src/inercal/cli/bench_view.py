@@ -26,11 +26,11 @@ def viewing() -> Generator[Callable[["BenchRun"], None]]:
 
         def say(run: "BenchRun") -> None:
             nonlocal told
-            fresh = min(run.events - told, len(run.said))
-            for level, words in list(run.said)[len(run.said) - fresh :]:
+            fresh = min(run.account.events - told, len(run.account.said))
+            for level, words in list(run.account.said)[len(run.account.said) - fresh :]:
                 line = f"{run.time:8.1f} s  {level:7}  {words}"
                 console.print(line, markup=False, soft_wrap=True)
-            told = run.events
+            told = run.account.events
 
         yield say
         return
@@ -66,7 +66,7 @@ def panel(run: "BenchRun") -> "RenderableType":
                 state,
             )
     said = Text()
-    for level, words in run.said:
+    for level, words in run.account.said:
         said.append(f"{words}\n", style=_COLOURS[level])
     parts = [head, axes, Text(_imu(run)), *_found(run), said, Text(_KEYS, style="dim")]
     return Panel(Group(*parts), title=run.name)
@@ -88,7 +88,7 @@ def _clock(seconds: float) -> str:
 
 
 def _imu(run: "BenchRun") -> str:
-    tally = run.assembly.tally
+    tally = run.account.assembly.tally
     counts = tally.bytes
     return (
         f"IMU: {counts.packets} packets, {counts.lost} lost, {counts.failed} with a wrong check, "
@@ -101,13 +101,13 @@ def _found(run: "BenchRun") -> "list[RenderableType]":
     from rich.table import Table
     from rich.text import Text
 
-    live = run.live
+    live = run.account.live
     if live is None:
         return []
     if not live.begun:
         return [Text("the filters begin after 20 s of rest")]
     made: list[RenderableType] = []
-    if (at := run.navigation) is not None:
+    if (at := run.account.navigation) is not None:
         made.append(Text(
             f"attitude: roll {at.roll:.3f} °, pitch {at.pitch:.3f} °, heading {at.heading:.3f} °; "
             "from the table's "

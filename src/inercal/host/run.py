@@ -12,12 +12,9 @@ On any way out the table comes to rest: by the sequencer, or by the watchdog (`g
 its own with its own connection. Both are software; the hardware interlock is the safety function.
 """
 
-import json
-from collections import deque
 from collections.abc import Callable
 from contextlib import ExitStack
 from datetime import datetime
-from math import isfinite, nan
 from queue import SimpleQueue
 from select import select
 from time import monotonic
@@ -25,8 +22,8 @@ from typing import Literal, NamedTuple, Self
 
 from inercal.benches import Turntable
 from inercal.errors import InercalError, InputError
+from inercal.host.account import Account
 from inercal.host.addresses import layout_of_address, open_imu, open_table
-from inercal.host.assembly import Assembly, Block
 from inercal.host.clock import Clock, SimulatedClock, WallClock
 from inercal.host.drivers.table import ProtocolError, TableFault, TableState
 from inercal.host.folder import Folder
@@ -35,26 +32,19 @@ from inercal.host.interlocks import Interlocks
 from inercal.host.journal import Journal
 from inercal.host.link import LinkLost
 from inercal.host.listening import Listening
-from inercal.host.live import Live
-from inercal.host.log import EVENT, IMU, TABLE, Frame, Log, frames
-from inercal.host.navigation import Navigation, Navigator
+from inercal.host.log import IMU, TABLE
 from inercal.host.sequencer import Command, Enable, Go, Home, Sequencer
 from inercal.host.states import pack
 from inercal.host.tasks import tasks
-from inercal.methods.turntable_kalman import METHOD
 from inercal.plan import Position, Rotation
 
-_PIECE, _LONGEST = 0.5, 5.0  # s of the bench that the filters are handed at a time
-_PIECE_WALL = 0.1  # s of the wall's
 _SHOWN = 0.2  # s of the wall's between two looks at the run
 _UNHEARD = 5  # readings of the table in a row that may fail
-_KEPT = 8  # events that a view shows
 _AT_REST = 1e-3  # rad/s
 _AFTER = 1.0  # s that are recorded on: the last samples wait for what the table says after them
 _LOOKS = 0.05  # s of the wall's between two looks at the watchdog
 _LEAVING = 30.0  # s of the wall's to come to rest in, seen by the watchdog
 _PATIENCE, _SIMULATED = 600.0, 10.0  # s that it looks for a table that is gone
-_TRIAD = 3
 _GRACE = 5.0  # s to come to rest in, beside what the deceleration takes
 _Why = Literal["operator", "watchdog", "IMU"]
 
@@ -110,15 +100,8 @@ class BenchRun:
         As last read.
     sequencer : Sequencer
     tasks : tuple of Task
-    assembly : Assembly
-    live : Live or None
-        The filters, where the run file's method is theirs.
-    navigation : Navigation or None
-        Attitude and velocity by an IMU's corrected readings alone, once the filters are there.
-    events : int
-        How many there were.
-    said : deque of (str, str)
-        Level and words of the last of them.
+    account : Account
+        What came, and what was made of it.
     trouble : str
         Why the run was interrupted; empty where it was not.
 
@@ -145,12 +128,6 @@ class BenchRun:
         self.tasks = tasks(bench, steps)
         self.sequencer = Sequencer(self.tasks, bench.limits_of_axes, journal.done())
         self.name, self.sensor, self.axes = run.sensor.name, run.sensor, bench.names
-        self.live = Live(run) if run.method.name == METHOD.name else None
-        whole = all(len(self.sensor.only(kind).axes) == _TRIAD for kind in ("f", "w"))
-        self._navigator = Navigator(self.sensor, bench) if whole else None
-        self.navigation: Navigation | None = None
-        self.events = 0
-        self.said: deque[tuple[str, str]] = deque(maxlen=_KEPT)
         self.state: TableState | None = None
         self.trouble = ""
         self._journal, self._options, self._show = journal, options, show
@@ -158,14 +135,10 @@ class BenchRun:
         self._paused: dict[_Why, str] = {}
         self._commands: list[Command] = []
         self._asked: SimpleQueue[Literal["pause", "go on", "stop"]] = SimpleQueue()
-        self._temperature = nan
-        self.time = 0.0
-        self._unheard, self._worked, self._shown = 0, (0.0, 0.0), 0.0
+        self._unheard, self._shown = 0, 0.0
         layout = layout_of_address(addresses.imu)
-        self.assembly = Assembly.of(run, layout, self._poll)
         with ExitStack() as opened:
-            self._log = opened.enter_context(Log(folder.log))
-            self._replay(folder)
+            self.account = opened.enter_context(Account(folder, journal, layout))
             self._clock = _clock(addresses, options, journal)
             opened.callback(self._clock.close)
             self._table = opened.enter_context(open_table(addresses.table, bench))
@@ -239,27 +212,19 @@ class BenchRun:
         heard = self._imu.take(tick)
         self._clock.begin(self._next)
         if fresh is not None:
-            self._keep(TABLE, fresh[0], pack(fresh[1]))
+            self.account.keep(TABLE, fresh[0], pack(fresh[1]))
         if heard.opened:
             self._attach()
         for time, data in heard.pieces:
-            self._keep(IMU, time, data)
+            self.account.keep(IMU, time, data)
         self._watch()
         if fresh is not None:
             self._go_on(fresh[1])
-        if self._due():
+        if self.account.due(self.time):
             self._work()
         if monotonic() - self._shown >= _SHOWN:
             self._shown = monotonic()
             self._show(self)
-
-    def _due(self) -> bool:
-        """Tell whether the filters are to be handed a piece; that changes no bit of their results.
-
-        A piece has a price of its own: a bench that is sped up has larger ones.
-        """
-        came, passed = self.time - self._worked[0], monotonic() - self._worked[1]
-        return came >= _PIECE and (passed >= _PIECE_WALL or came >= _LONGEST)
 
     def _read(self) -> tuple[float, TableState] | None:
         """Return when the table was read, and its state; None where that failed."""
@@ -319,7 +284,7 @@ class BenchRun:
         """Show the sequencer a state of the table, and do what it says."""
         if self.sequencer.over:
             return
-        words = self._interlocks.check(state, self.time, temperature=self._temperature)
+        words = self._interlocks.check(state, self.time, temperature=self.account.temperature)
         if words is not None:
             self._end(words)
             return
@@ -357,15 +322,10 @@ class BenchRun:
                     self._table.stop()
 
     def _sections(self) -> None:
-        """Keep what began and ended, first in the log: what the journal calls done is there."""
+        """Keep what began and ended."""
         made = self.sequencer.sections
         for one in made:
-            holds = not self.tasks[one.number].rate
-            self._event(
-                what="section", number=one.number, label=one.label, state=one.what, time=one.time,
-                hold=holds,
-            )  # fmt: skip
-            self._journal.section(one.number, one.label, one.what, one.time)
+            self.account.section(self.time, one, holds=not self.tasks[one.number].rate)
             if one.what == "begun":
                 self._say("info", f"step {one.number + 1} of {len(self.tasks)}: {one.label}")
         made.clear()
@@ -401,58 +361,20 @@ class BenchRun:
             self._tick()
 
     def _work(self) -> None:
-        """Make a block of what came, see that gyros and table agree, and hand it to the filters."""
-        self._worked = self.time, monotonic()
+        """Have what came worked through, and see that gyros and table agree."""
         try:
-            block = self.assembly.take()
+            track = self.account.work(self.time)
         except InputError as error:
             self._end(str(error))
             return
-        if block is None:
-            return
-        self._temperature = float(block.temperature[-1])
-        if (words := self._interlocks.against_gyros(block.track)) is not None:
+        if track is not None and (words := self._interlocks.against_gyros(track)) is not None:
             self._end(words)
-        self._estimate(block)
-
-    def _estimate(self, block: Block) -> None:
-        if self.live is None:
-            return
-        try:
-            self.live.feed(block)
-            if self.live.begun and self._navigator is not None:
-                self.navigation = self._navigator.feed(block.track, self.live.values)
-        except InercalError as error:
-            # The recording is what counts: it may be calibrated otherwise.
-            self.live = None
-            self._say("warning", f"live estimation ends: {error}")
 
     def _attach(self) -> None:
-        """Keep that what follows does not follow what was before; steps not done are repeated."""
-        wraps = {"wraps": self._table.wraps} if isfinite(self._table.wraps) else {}
-        self._event(what="session", next=self.sequencer.number, **wraps)
-
-    def _event(self, **content: object) -> None:
-        self._keep(EVENT, self.time, json.dumps(content).encode())
-
-    def _keep(self, kind: int, time: float, payload: bytes) -> None:
-        self._log.append(kind, time, payload)
-        self.assembly.feed(Frame(kind, time, payload))
+        self.account.attach(self.time, self.sequencer.number, self._table.wraps)
 
     def _say(self, level: Literal["info", "warning", "alarm"], words: str) -> None:
-        self.events += 1
-        self.said.append((level, words))
-        self._journal.event(level, words, self.time)
-
-    def _replay(self, folder: Folder) -> None:
-        """Go through what the log holds of a run that was interrupted."""
-        done = 0.0
-        for frame in frames(folder.log):
-            self.assembly.feed(frame)
-            if frame.time - done >= _PIECE:
-                done = frame.time
-                if (block := self.assembly.take()) is not None:
-                    self._estimate(block)
+        self.account.say(self.time, level, words)
 
     def __enter__(self) -> Self:
         return self

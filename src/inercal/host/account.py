@@ -1,0 +1,165 @@
+"""What came of a run and what was made of it: log, journal, samples, filters.
+
+The log has what an estimate is made of, and is written first; the journal what an operator and a
+resumed run go by. All else follows from the log, live and again: a run that goes on replays it.
+"""
+
+import json
+from collections import deque
+from contextlib import ExitStack
+from math import isfinite, nan
+from time import monotonic
+from typing import Literal, Self
+
+from inercal.benches import Turntable
+from inercal.errors import InercalError
+from inercal.host.assembly import Assembly, Block
+from inercal.host.folder import Folder
+from inercal.host.journal import Journal
+from inercal.host.live import Live
+from inercal.host.log import EVENT, Frame, Log, frames
+from inercal.host.navigation import Navigation, Navigator
+from inercal.host.packets import Layout
+from inercal.host.sequencer import Section
+from inercal.methods.turntable_kalman import METHOD
+from inercal.recording import Track
+
+_PIECE, _LONGEST = 0.5, 5.0  # s of the bench that the filters are handed at a time
+_PIECE_WALL = 0.1  # s of the wall's
+_KEPT = 8  # events that are at hand
+_TRIAD = 3
+
+
+class Account:
+    """The account of one run, begun or resumed; a context manager.
+
+    Parameters
+    ----------
+    folder : Folder
+    journal : Journal
+    layout : Layout
+        Of the IMU's packets.
+
+    Attributes
+    ----------
+    assembly : Assembly
+    live : Live or None
+        The filters, where the run file's method is theirs.
+    navigation : Navigation or None
+        Attitude and velocity by an IMU's corrected readings alone, once the filters are there.
+    temperature : float
+        Of the IMU, K; NaN where it tells none.
+    events : int
+        How many there were.
+    said : deque of (str, str)
+        Level and words of the last of them.
+
+    Raises
+    ------
+    InputError
+        A log that is damaged, packets that do not go with the run file.
+    """
+
+    def __init__(self, folder: Folder, journal: Journal, layout: Layout):
+        run, bench = folder.run, folder.run.bench
+        assert isinstance(bench, Turntable)
+        self.assembly = Assembly.of(run, layout, journal.run().poll)
+        self.live = Live(run) if run.method.name == METHOD.name else None
+        whole = all(len(run.sensor.only(kind).axes) == _TRIAD for kind in ("f", "w"))
+        self._navigator = Navigator(run.sensor, bench) if whole else None
+        self.navigation: Navigation | None = None
+        self.temperature = nan
+        self.events = 0
+        self.said: deque[tuple[str, str]] = deque(maxlen=_KEPT)
+        self._journal = journal
+        self._worked = 0.0, 0.0
+        with ExitStack() as opened:
+            self._log = opened.enter_context(Log(folder.log))
+            self._replay(folder)
+            self._opened = opened.pop_all()
+
+    def keep(self, kind: int, time: float, payload: bytes) -> None:
+        """Keep what came from a device, at a time of the run."""
+        self._log.append(kind, time, payload)
+        self.assembly.feed(Frame(kind, time, payload))
+
+    def attach(self, time: float, following: int, wraps: float) -> None:
+        """Keep that what follows does not follow what was before.
+
+        Parameters
+        ----------
+        time : float
+            Of the run, s.
+        following : int
+            The step that is next: those from there on are to be done again.
+        wraps : float
+            s after which the table's clock begins again.
+        """
+        known = {"wraps": wraps} if isfinite(wraps) else {}
+        self._event(time, {"what": "session", "next": following, **known})
+
+    def section(self, time: float, one: Section, *, holds: bool) -> None:
+        """Keep that a section began or ended, first in the log: what the journal calls done is."""
+        content = {"number": one.number, "label": one.label, "state": one.what, "time": one.time}
+        self._event(time, {"what": "section", **content, "hold": holds})
+        self._journal.section(one.number, one.label, one.what, one.time)
+
+    def say(self, time: float, level: Literal["info", "warning", "alarm"], words: str) -> None:
+        """Keep what an operator should know."""
+        self.events += 1
+        self.said.append((level, words))
+        self._journal.event(level, words, time)
+
+    def due(self, time: float) -> bool:
+        """Tell whether `work` is to be done; when that is changes no bit of what is found.
+
+        A piece has a price of its own: a bench that is sped up has larger ones.
+        """
+        came, passed = time - self._worked[0], monotonic() - self._worked[1]
+        return came >= _PIECE and (passed >= _PIECE_WALL or came >= _LONGEST)
+
+    def work(self, time: float) -> Track | None:
+        """Put together what came, and hand it to the filters; return the samples that are new.
+
+        Raises
+        ------
+        InputError
+            A device that set its clock anew.
+        """
+        self._worked = time, monotonic()
+        block = self.assembly.take()
+        if block is None:
+            return None
+        self._estimate(block, time)
+        return block.track
+
+    def _estimate(self, block: Block, time: float) -> None:
+        self.temperature = float(block.temperature[-1])
+        if self.live is None:
+            return
+        try:
+            self.live.feed(block)
+            if self.live.begun and self._navigator is not None:
+                self.navigation = self._navigator.feed(block.track, self.live.values)
+        except InercalError as error:
+            # The recording is what counts: it may be calibrated otherwise.
+            self.live = None
+            self.say(time, "warning", f"live estimation ends: {error}")
+
+    def _event(self, at: float, content: dict[str, object]) -> None:
+        self.keep(EVENT, at, json.dumps(content).encode())
+
+    def _replay(self, folder: Folder) -> None:
+        """Go through what the log holds of a run that was interrupted."""
+        done = 0.0
+        for frame in frames(folder.log):
+            self.assembly.feed(frame)
+            if frame.time - done >= _LONGEST:
+                done = frame.time
+                self.work(done)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._opened.close()
