@@ -10,7 +10,8 @@ if TYPE_CHECKING:
     from inercal.benches import Turntable
     from inercal.host.folder import Folder
     from inercal.host.journal import Journal
-    from inercal.host.run import Addresses, Options
+    from inercal.host.live import Live
+    from inercal.host.run import Options
 
 NAME = "bench"
 app = typer.Typer(
@@ -48,17 +49,22 @@ def run(
     """Carry out the plan of a run file, and calibrate from what it leaves."""
     from datetime import datetime
 
+    from inercal.errors import InercalError
     from inercal.host.folder import begin
-    from inercal.host.run import Addresses
     from inercal.runfile import read
 
     options = _options(speed, patience, temperature)
     plan = read(run_file)
     folder = out or Path(f"{run_file.stem}-{datetime.now():%Y%m%d-%H%M%S}")
-    addresses = Addresses(table, imu, clock)
-    made, journal = begin(folder, plan, addresses)
+    made, journal = begin(folder, plan, (table, imu, clock))
     with journal:
-        _go(made, journal, addresses, options, json)
+        try:
+            _go(made, journal, options, json)
+        except InercalError:
+            # Of devices that were not there nothing is left, and the folder's name is free again.
+            if not (made.log.exists() and made.log.stat().st_size):
+                made.discard()
+            raise
 
 
 @app.command()
@@ -74,28 +80,42 @@ def resume(
 ) -> None:
     """Go on with a run that was interrupted: the step that was in hand is repeated whole."""
     from inercal.host.folder import resumed
-    from inercal.host.run import Addresses
 
     options = _options(speed, patience, temperature)
-    made, journal = resumed(folder)
+    made, journal = resumed(folder, (table, imu, clock))
     with journal:
-        was = journal.run()
-        addresses = Addresses(table or was.table, imu or was.imu, clock or was.clock)
-        _go(made, journal, addresses, options, json)
+        _go(made, journal, options, json)
 
 
-def _go(
-    folder: "Folder", journal: "Journal", addresses: "Addresses", options: "Options", json: bool
-) -> None:
+def _go(folder: "Folder", journal: "Journal", options: "Options", json: bool) -> None:
     """Carry out what is left of a run, and finish it."""
     from inercal.calibration.files import as_object
+    from inercal.cli.show import as_json, as_table, working
+    from inercal.host.finish import finish
+
+    live = None
+    if journal.run().state != "carried out":
+        live = _carried_out(folder, journal, options)
+    with working(f"calibrating {folder.run.sensor.name} from {folder.run.data.file}"):
+        outcome, files = finish(folder, journal, live)
+    if json:
+        as_json(as_object(outcome.calibration) | files)
+        return
+    as_table(outcome, folder.run.truth)
+    for path in files.values():
+        print(f"wrote {path}")
+
+
+def _carried_out(folder: "Folder", journal: "Journal", options: "Options") -> "Live | None":
+    """Have the plan carried out; return what was found while it was."""
     from inercal.cli.bench_keys import keys
     from inercal.cli.bench_view import viewing
-    from inercal.cli.show import as_json, as_table, working
+    from inercal.cli.show import working
     from inercal.host.compile import compiled
-    from inercal.host.finish import finish
-    from inercal.host.run import BenchRun
+    from inercal.host.run import Addresses, BenchRun
 
+    was = journal.run()
+    addresses = Addresses(*was.addresses)
     with working("compiling what a run needs, once on each machine"):
         compiled(folder.run)
     with (
@@ -108,14 +128,7 @@ def _go(
         print(f"inercal: interrupted: {bench.trouble}", file=sys.stderr)
         print(f"go on by: inercal bench resume {folder.path}", file=sys.stderr)
         raise typer.Exit(1)
-    with working(f"calibrating {folder.run.sensor.name} from {folder.run.data.file}"):
-        outcome, files = finish(folder, journal, bench.account.live)
-    if json:
-        as_json(as_object(outcome.calibration) | files)
-        return
-    as_table(outcome, folder.run.truth)
-    for path in files.values():
-        print(f"wrote {path}")
+    return bench.account.live
 
 
 def _options(speed: float | None, patience: float, temperature: str) -> "Options":

@@ -22,12 +22,12 @@ from inercal.host.navigation import Navigation, Navigator
 from inercal.host.packets import Layout
 from inercal.host.sequencer import Section
 from inercal.methods.turntable_kalman import METHOD
-from inercal.recording import Track
 
 _PIECE, _LONGEST = 0.5, 5.0  # s of the bench that the filters are handed at a time
 _PIECE_WALL = 0.1  # s of the wall's
 _KEPT = 8  # events that are at hand
 _TRIAD = 3
+_SAID_AGAIN = 60.0  # s
 
 
 class Account:
@@ -66,13 +66,15 @@ class Account:
         self.assembly = Assembly.of(run, layout, journal.run().poll)
         self.live = Live(run) if run.method.name == METHOD.name else None
         whole = all(len(run.sensor.only(kind).axes) == _TRIAD for kind in ("f", "w"))
-        self._navigator = Navigator(run.sensor, bench) if whole else None
+        self._whole = run.sensor, bench
+        self._navigator = Navigator(*self._whole) if whole else None
         self.navigation: Navigation | None = None
         self.temperature = nan
         self.events = 0
         self.said: deque[tuple[str, str]] = deque(maxlen=_KEPT)
         self._journal = journal
         self._worked = 0.0, 0.0
+        self._losses, self._lost_at = (0, 0), 0.0
         with ExitStack() as opened:
             self._log = opened.enter_context(Log(folder.log))
             self._replay(folder)
@@ -118,7 +120,7 @@ class Account:
         came, passed = time - self._worked[0], monotonic() - self._worked[1]
         return came >= _PIECE and (passed >= _PIECE_WALL or came >= _LONGEST)
 
-    def work(self, time: float) -> Track | None:
+    def work(self, time: float) -> Block | None:
         """Put together what came, and hand it to the filters; return the samples that are new.
 
         Raises
@@ -131,20 +133,36 @@ class Account:
         if block is None:
             return None
         self._estimate(block, time)
-        return block.track
+        self._tell_losses(time)
+        return block
 
     def _estimate(self, block: Block, time: float) -> None:
         self.temperature = float(block.temperature[-1])
         if self.live is None:
             return
+        if block.begins and self._navigator is not None:
+            self._navigator = Navigator(*self._whole)
         try:
             self.live.feed(block)
             if self.live.begun and self._navigator is not None:
                 self.navigation = self._navigator.feed(block.track, self.live.values)
-        except InercalError as error:
+        except (InercalError, ArithmeticError, ValueError) as error:
             # The recording is what counts: it may be calibrated otherwise.
             self.live = None
             self.say(time, "warning", f"live estimation ends: {error}")
+
+    def _tell_losses(self, time: float) -> None:
+        """Say how many packets were lost or false, now and then where there are more."""
+        counts = self.assembly.tally.bytes
+        losses = counts.lost, counts.failed
+        if losses != self._losses and time - self._lost_at >= _SAID_AGAIN:
+            self._losses, self._lost_at = losses, time
+            self.say(
+                time,
+                "warning",
+                f"so far {counts.lost} packets of {counts.packets + counts.lost} are lost, and "
+                f"{counts.failed} had a wrong check",
+            )
 
     def _event(self, at: float, content: dict[str, object]) -> None:
         self.keep(EVENT, at, json.dumps(content).encode())

@@ -11,10 +11,12 @@ plan.calibration.json, plan.report.html
 
 import os
 import tomllib
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from inercal.errors import InputError
+from inercal.host.addresses import layout_of_address
 from inercal.host.journal import Journal
 from inercal.host.record import require_recordable
 from inercal.io.atomic import atomic_write
@@ -50,8 +52,8 @@ class Folder:
         path = Path(path)
         if (path / JOURNAL).exists():
             raise InputError(
-                f"{path} holds a run already: go on with it by `inercal bench resume {path}`, or "
-                "name another folder"
+                f"{path} holds a run already: name another folder; one that was interrupted goes "
+                f"on by `inercal bench resume {path}`"
             )
         try:
             path.mkdir(parents=True, exist_ok=True)
@@ -66,6 +68,15 @@ class Folder:
     def of(cls, path: str | os.PathLike[str], run_file: str) -> "Folder":
         """Return the folder of a run that is there, by the name of its run file."""
         return cls(Path(path), read(Path(path) / run_file))
+
+    def discard(self) -> None:
+        """Remove what `begin` made, of a run that never was."""
+        for name in (LOG, JOURNAL, f"{JOURNAL}-wal", f"{JOURNAL}-shm"):
+            (self.path / name).unlink(missing_ok=True)
+        for name in (self.run.path.name, *_named(self.run.path)):
+            (self.path / name).unlink()
+        with suppress(OSError):  # a folder that was there before may hold other files
+            self.path.rmdir()
 
     @property
     def log(self) -> Path:
@@ -102,19 +113,27 @@ def begin(
         The folder cannot be made or holds a run, the run file is none of a bench run, or its plan
         cannot be carried out.
     """
-    require_recordable(run)
+    require_recordable(run, layout_of_address(addresses[1]))
     count = len(run.steps)
     folder = Folder.begin(path, run)
     return folder, Journal.begin(folder.journal, run.path.name, addresses, poll, count)
 
 
-def resumed(path: str | os.PathLike[str]) -> tuple[Folder, Journal]:
+def resumed(
+    path: str | os.PathLike[str], addresses: tuple[str, str, str] = ("", "", "")
+) -> tuple[Folder, Journal]:
     """Return the folder and journal of a run that was interrupted.
+
+    Parameters
+    ----------
+    path : path
+    addresses : tuple of str
+        Of table, IMU and clock, where they are others now.
 
     Raises
     ------
     InputError
-        There is no run in the folder, or it is done.
+        There is no run in the folder, it is done, or the IMU's packets are others.
     """
     journal = Journal(Path(path) / JOURNAL)
     try:
@@ -122,6 +141,11 @@ def resumed(path: str | os.PathLike[str]) -> tuple[Folder, Journal]:
         if was.state == "done":
             raise InputError(f"{path}: this run is done; its recording can be calibrated again")
         folder = Folder.of(path, was.run_file)
+        now = [new or old for new, old in zip(addresses, was.addresses, strict=True)]
+        before, after = (layout_of_address(imu).name for imu in (was.imu, now[1]))
+        if before != after:
+            raise InputError(f"{path}: what its log holds are packets of {before}, not {after}")
+        journal.move((now[0], now[1], now[2]))
     except BaseException:
         journal.close()
         raise

@@ -43,7 +43,8 @@ class Run(NamedTuple):
         s between readings of the table.
     steps : int
     state : str
-        "running", "done" or "interrupted"; one that says "running" and has no host was interrupted.
+        "running", "interrupted", "carried out" (the table has done all) or "done" (calibrated);
+        one that says "running" and has no host was interrupted.
     """
 
     begun: str
@@ -54,6 +55,11 @@ class Run(NamedTuple):
     poll: float
     steps: int
     state: str
+
+    @property
+    def addresses(self) -> tuple[str, str, str]:
+        """Of table, IMU and clock."""
+        return self.table, self.imu, self.clock
 
 
 class Event(NamedTuple):
@@ -134,8 +140,12 @@ class Journal:
         with _said(self.path):
             return Run(*self._db.execute("SELECT * FROM run").fetchone())
 
+    def move(self, addresses: tuple[str, str, str]) -> None:
+        """Keep where table, IMU and clock are from now on."""
+        self._do("UPDATE run SET table_address = ?, imu_address = ?, clock_address = ?", *addresses)
+
     def end(self, state: str) -> None:
-        """Say how the run ended: "done" or "interrupted"; "running" when it goes on."""
+        """Say how far the run is: a `state` of `Header`."""
         self._do("UPDATE run SET state = ?", state)
 
     def section(self, step: int, label: str, what: str, time: float) -> None:

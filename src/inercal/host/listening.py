@@ -82,6 +82,11 @@ class Listening:
         self._judge(tick.time, bool(pieces))
         return Heard(pieces, opened)
 
+    @property
+    def bytes_come(self) -> bool:
+        """Bytes come, whatever is in them."""
+        return self._port is not None and self.trouble is None
+
     def close(self) -> None:
         """Close the port, if it is open."""
         if self._port is not None:

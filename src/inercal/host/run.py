@@ -14,7 +14,9 @@ its own with its own connection. Both are software; the hardware interlock is th
 
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import replace
 from datetime import datetime
+from math import isfinite, radians
 from queue import SimpleQueue
 from select import select
 from time import monotonic
@@ -40,7 +42,8 @@ from inercal.plan import Position, Rotation
 
 _SHOWN = 0.2  # s of the wall's between two looks at the run
 _UNHEARD = 5  # readings of the table in a row that may fail
-_AT_REST = 1e-3  # rad/s
+_AT_REST = radians(0.5)  # rad/s; a PMAC of few counts a turn rounds its rates to almost that
+_NO_PACKET = 5.0  # s
 _AFTER = 1.0  # s that are recorded on: the last samples wait for what the table says after them
 _LOOKS = 0.05  # s of the wall's between two looks at the watchdog
 _LEAVING = 30.0  # s of the wall's to come to rest in, seen by the watchdog
@@ -119,7 +122,7 @@ class BenchRun:
         journal: Journal,
         addresses: Addresses,
         options: Options = _ORDINARY,
-        show: Callable[["BenchRun"], None] = lambda run: None,
+        show: Callable[["BenchRun"], None] | None = None,
     ):
         run, bench = folder.run, folder.run.bench
         if not isinstance(bench, Turntable):
@@ -130,21 +133,28 @@ class BenchRun:
         self.name, self.sensor, self.axes = run.sensor.name, run.sensor, bench.names
         self.state: TableState | None = None
         self.trouble = ""
-        self._journal, self._options, self._show = journal, options, show
+        self._journal, self._options = journal, options
+        self._show: Callable[[BenchRun], None] = show or _blind
         self._bench, self._poll = bench, journal.run().poll
         self._paused: dict[_Why, str] = {}
         self._commands: list[Command] = []
         self._asked: SimpleQueue[Literal["pause", "go on", "stop"]] = SimpleQueue()
         self._unheard, self._shown = 0, 0.0
+        self._waits, self._told = True, False
+        self._packets = 0, 0.0
         layout = layout_of_address(addresses.imu)
+        carried = {field.role for frame in layout.frames for field in frame.fields}
+        if options.temperature is not None and "temperature" not in carried:
+            raise InputError(f"packets of {layout.name} carry no temperature that could be watched")
         with ExitStack() as opened:
             self.account = opened.enter_context(Account(folder, journal, layout))
             self._clock = _clock(addresses, options, journal)
             opened.callback(self._clock.close)
             self._table = opened.enter_context(open_table(addresses.table, bench))
-            self._interlocks = Interlocks(
-                self._table.limits, bench, run.sensor, options.temperature
-            )
+            self._interlocks = self._watched()
+            self._require_possible()
+            patience = _SIMULATED if addresses.clock else _PATIENCE
+            self._guard = opened.enter_context(Guard(addresses.table, patience=patience))
             # A simulated bench stands still from here on: the port opens between two packets.
             clock, now = self._clock, self._clock.now()
             clock.begin(now)
@@ -152,8 +162,6 @@ class BenchRun:
             waits = bool(addresses.clock)
             self._imu = Listening(lambda: open_imu(addresses.imu, clock.now, waits=waits), tick)
             opened.callback(self._imu.close)
-            patience = _SIMULATED if addresses.clock else _PATIENCE
-            self._guard = opened.enter_context(Guard(addresses.table, patience=patience))
             self._opened = opened.pop_all()
         self.time, self._next = tick.time, tick.time + self._poll
         self._since = monotonic(), tick.time
@@ -182,19 +190,23 @@ class BenchRun:
         The table is at rest then, or `trouble` says why that is not known.
         """
         with self._guard.catch_signals():
-            self._attach()
             try:
+                self._attach()
                 self._clock.begin(self._next)
+                # The watchdog of a host that was killed may be stopping the table still.
+                self._come_to_rest()
+                self._waits = False
                 while not self.sequencer.over:
                     self._tick()
                 self._come_to_rest()
-            except LinkLost as error:
-                self._end(f"the bench's clock is gone: {error}")
+            except InercalError as error:
+                self._end(str(error))
         self._work()
         self._over = monotonic()
-        self._journal.end("running" if self.sequencer.phase == "done" else "interrupted")
+        done = self.sequencer.phase == "done" and not self.trouble
+        self._journal.end("carried out" if done else "interrupted")
         self._show(self)
-        return self.sequencer.phase == "done"
+        return done
 
     def _tick(self) -> None:
         """See what the last tick brought, let the bench go on, and do what is to be done of it.
@@ -224,7 +236,10 @@ class BenchRun:
             self._work()
         if monotonic() - self._shown >= _SHOWN:
             self._shown = monotonic()
-            self._show(self)
+            try:
+                self._show(self)
+            except OSError:  # nobody looks any more, and the run goes on
+                self._show = _blind
 
     def _read(self) -> tuple[float, TableState] | None:
         """Return when the table was read, and its state; None where that failed."""
@@ -241,9 +256,15 @@ class BenchRun:
             self._end(f"the table is gone: {error}")
             return None
         self._unheard = 0
+        now = (asked + self._clock.now()) / 2
+        if not isfinite(state.time):
+            state = replace(state, time=now)  # a controller that tells none
         self.state = state
-        self._rests = all(abs(axis.rate) < _AT_REST and not axis.moving for axis in state.axes)
-        return (asked + self._clock.now()) / 2, state
+        # One that was told to go may not say so yet.
+        self._rests = not self._told and all(
+            abs(axis.rate) < _AT_REST and not axis.moving for axis in state.axes
+        )
+        return now, state
 
     def _watch(self) -> None:
         """Look at what was asked for, at watchdog and IMU: the run pauses, goes on or ends."""
@@ -273,16 +294,16 @@ class BenchRun:
         if self._guard.interrupted:
             self._end("stopped by the operator")
         for line in self._guard.said():
-            if line == "at rest":
+            if line in ("at rest", "ready"):
                 self._paused.pop("watchdog", None)
-            elif line != "ready":
+            else:
                 self._pause("watchdog", f"watchdog: {line}")
         if not self._guard.alive:
             self._end("the watchdog is gone")
 
     def _go_on(self, state: TableState) -> None:
         """Show the sequencer a state of the table, and do what it says."""
-        if self.sequencer.over:
+        if self.sequencer.over or self._waits:
             return
         words = self._interlocks.check(state, self.time, temperature=self.account.temperature)
         if words is not None:
@@ -297,10 +318,13 @@ class BenchRun:
     def _tell_what_is_due(self) -> None:
         """Tell the table what the sequencer has said; it may be paused since."""
         commands, self._commands = self._commands, []
+        self._told = bool(commands)
+        if commands:
+            self._look_at_guard()  # while it stops the table nothing is commanded
         if commands and not self._paused and not self.sequencer.over:
             try:
                 self._tell(commands)
-            except (TableFault, ProtocolError, LinkLost) as error:
+            except InercalError as error:
                 self._fail(error)
 
     def _fail(self, error: InercalError) -> None:
@@ -338,16 +362,19 @@ class BenchRun:
         self._stop(self.sequencer.pause)
 
     def _end(self, words: str) -> None:
-        if self.sequencer.over:
-            return
-        self.trouble = words
+        self.trouble = self.trouble or words
         self._say("alarm", words)
-        self._stop(self.sequencer.abort)
+        if not self.sequencer.over:
+            self._stop(self.sequencer.abort)
 
     def _stop(self, how: Callable[[float], list[Command]]) -> None:
         """Pause or abort; where the table cannot be told, the watchdog goes on trying."""
+        state = self.state
+        commands = how(self.time if state is None else state.time)
+        off = state is not None and not any(axis.enabled for axis in state.axes)
         try:
-            self._tell(how(self.time if self.state is None else self.state.time))
+            # To stop closes the loops of motors: what somebody has switched off stays off.
+            self._tell([] if off and self._rests else commands)
         except (TableFault, ProtocolError, LinkLost) as error:
             self._say("alarm", f"{error}; the watchdog is told to stop the table")
             self._guard.stop()
@@ -363,12 +390,37 @@ class BenchRun:
     def _work(self) -> None:
         """Have what came worked through, and see that gyros and table agree."""
         try:
-            track = self.account.work(self.time)
+            block = self.account.work(self.time)
         except InputError as error:
             self._end(str(error))
             return
-        if track is not None and (words := self._interlocks.against_gyros(track)) is not None:
+        packets = self.account.assembly.tally.bytes.packets
+        if packets > self._packets[0] or not self._imu.bytes_come:
+            self._packets = packets, self.time
+        elif self.time - self._packets[1] > _NO_PACKET:
+            self._end(
+                f"for {_NO_PACKET:g} s bytes have come from the IMU and no packet: are preset and "
+                "baud right?"
+            )
+        if block is None:
+            return
+        if block.begins:
+            self._interlocks = self._watched()
+        if (words := self._interlocks.against_gyros(block.track)) is not None:
             self._end(words)
+
+    def _watched(self) -> Interlocks:
+        return Interlocks(self._table.limits, self._bench, self.sensor, self._options.temperature)
+
+    def _require_possible(self) -> None:
+        """Refuse a plan that the controller would refuse, and limits that nothing is held to."""
+        for task in self.tasks:
+            for name, most, held, *angles in zip(
+                self.axes, self._table.limits, self._bench.limits_of_axes, task.start, task.end,
+                strict=True,
+            ):  # fmt: skip
+                for angle in angles:
+                    most.check(name, task.rate or held.rate, held.acceleration, angle)
 
     def _attach(self) -> None:
         self.account.attach(self.time, self.sequencer.number, self._table.wraps)
@@ -380,13 +432,16 @@ class BenchRun:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if not self._rests:
-            self._leave()
-        self._opened.close()
+        try:
+            if not self._rests:
+                self._leave()
+        finally:
+            self._opened.close()
 
     def _leave(self) -> None:
         """Have the watchdog bring the table to rest, where that was not seen."""
         self._clock.close()  # a simulated bench goes on by itself then
+        self._guard.said()
         self._guard.stop()
         until = monotonic() + _LEAVING
         lines = list[str]()
@@ -394,7 +449,14 @@ class BenchRun:
             select([], [], [], _LOOKS)
             lines += self._guard.said()
         if "at rest" not in lines:
-            self._say("alarm", f"{'; '.join(lines[-1:])}: nobody has seen the table come to rest")
+            self._guard.leave()
+            words = "nobody has seen the table come to rest; the watchdog goes on trying to stop it"
+            self.trouble = f"{self.trouble}; {words}" if self.trouble else words
+            self._say("alarm", "; ".join([words, *lines[-1:]]))
+
+
+def _blind(run: BenchRun) -> None:
+    """Show nothing."""
 
 
 def _clock(addresses: Addresses, options: Options, journal: Journal) -> Clock:

@@ -47,6 +47,7 @@ class Guard:
     def __init__(self, address: str, silence: float = 1.5, patience: float = 600.0):
         self.interrupted = False
         self._heard, self._beaten = b"", -1.0
+        self._left = False
         command = [sys.executable, "-m", "inercal.host.guard", address]
         command += ["--silence", str(silence), "--patience", str(patience)]
         # A session of its own: no terminal sends it a signal, or takes it along when it closes.
@@ -107,8 +108,16 @@ class Guard:
                 signal.signal(number, signal.SIG_DFL if handler is None else handler)
             signal.set_wakeup_fd(before)
 
+    def leave(self) -> None:
+        """Let the guard see to the table by itself: it ends when that is at rest."""
+        self._let_go_of_pipe()
+        self._left = True
+
     def close(self) -> None:
         """Tell the guard to let go, and wait for its end; a second time does nothing."""
+        if self._left:
+            _guards.discard(self)
+            return
         self._write(b"q")
         self._let_go_of_pipe()
         try:
