@@ -24,6 +24,7 @@ from inercal.errors import InputError
 from inercal.host.link import LinkLost
 
 _ANSWER = 20  # s; of a bench whose machine is busy
+_STALE = 0.5  # s of the wall after which the last answer is asked for again
 _LATE = 0.1  # s of the wall that a paced bench makes up for
 
 
@@ -88,7 +89,7 @@ class WallClock:
 
 
 class SimulatedClock:
-    """The clock of a simulated bench; `now` is what it last said.
+    """The clock of a simulated bench; `now` is what it last said, if that was not long ago.
 
     Parameters
     ----------
@@ -122,12 +123,16 @@ class SimulatedClock:
         self._came = b""
         self._due = monotonic()
         self._asked = False
-        self._time = 0.0
+        self._time, self._heard = 0.0, monotonic()
         self._send(b"now\n")
         self._time = self._answer().time
 
     def now(self) -> float:
         """As `Clock.now`."""
+        if not self._asked and monotonic() - self._heard > _STALE:
+            # The bench may have gone on by itself meanwhile.
+            self._send(b"now\n")
+            self._time = self._answer().time
         return self._time
 
     def begin(self, until: float) -> None:
@@ -174,6 +179,7 @@ class SimulatedClock:
                 raise LinkLost(f"{self._address}: closed by the other end")
             self._came += data
         line, _, self._came = self._came.partition(b"\n")
+        self._heard = monotonic()
         try:
             now, sent, sent_by = line.split()
             return Tick(float(now), int(sent), float(sent_by))

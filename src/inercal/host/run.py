@@ -199,6 +199,8 @@ class BenchRun:
                 while not self.sequencer.over:
                     self._tick()
                 self._come_to_rest()
+            except LinkLost as error:
+                self._end(f"the bench's clock is gone: {error}")
             except InercalError as error:
                 self._end(str(error))
         self._work()
