@@ -199,3 +199,24 @@ def test_an_axis_that_was_stopped_from_outside_is_not_taken_for_arrived():
     table.tell(Stop())
     with pytest.raises(TableFault, match=r"axis 1 stands at .* instead of 90\.0000°"):
         made.step(table.read())
+
+
+@pytest.mark.parametrize("turned", [radians(0.06), -pi / 4])
+def test_an_axis_that_is_moved_from_outside_during_a_hold_is_named(turned: float):
+    table, made = Table(), Sequencer(tasks(BENCH, PLAN), LIMITS)
+    while made.number < 1 or made.phase != "work":
+        run(made, table, table.time + 0.05)
+    table.angle[1] += turned
+    table.tell(Stop())  # it stands there, and says no fault
+    with pytest.raises(TableFault, match=r"axis 1 moved during the hold: .* \(step 2, up: work\)"):
+        made.step(table.read())
+
+
+def test_an_axis_that_moves_during_a_hold_is_named_before_it_is_far():
+    table, made = Table(), Sequencer(tasks(BENCH, PLAN), LIMITS)
+    while made.number < 1 or made.phase != "work":
+        run(made, table, table.time + 0.05)
+    table.tell(Go(2, 1.0, 1e-4, 1.0))
+    table.wait()
+    with pytest.raises(TableFault, match="axis 2 moved during the hold"):
+        made.step(table.read())

@@ -148,8 +148,8 @@ class Sequencer:
         Raises
         ------
         TableFault
-            An axis that says a fault, loses its servo, does not arrive in time, or comes to rest
-            elsewhere than where it was sent.
+            An axis that says a fault, loses its servo, does not arrive in time, comes to rest
+            elsewhere than where it was sent, or leaves its place while it should hold it.
         """
         if self.over or self.phase == "paused":
             return []
@@ -207,6 +207,7 @@ class Sequencer:
             return all(axis.homed and axis.settled for axis in seen.axes)
         task = self.task
         if self.phase == "work" and task is not None and not task.rate:
+            self._refuse_moved(task, seen)
             return seen.time - self._since >= task.seconds
         if not all(axis.settled for axis in seen.axes):
             return False
@@ -248,6 +249,15 @@ class Sequencer:
                 raise TableFault(f"axis {i}: {', '.join(axis.faults)}{self._during()}")
             if self.phase in ("approach", "work", "return") and not axis.enabled:
                 raise TableFault(f"axis {i}: its servo is off{self._during()}")
+
+    def _refuse_moved(self, task: Task, seen: TableState) -> None:
+        # A panel or a hand can turn an axis that its controller takes for well.
+        for i, (axis, angle) in enumerate(zip(seen.axes, task.start, strict=True)):
+            if axis.moving or abs(axis.angle - angle) > _THERE:
+                raise TableFault(
+                    f"axis {i} moved during the hold: it is at {degrees(axis.angle):.4f}° instead "
+                    f"of {degrees(angle):.4f}°; it was moved from outside{self._during()}"
+                )
 
     def _late(self, seen: TableState) -> str:
         """Say which axes have not done what they were told."""
