@@ -78,13 +78,6 @@ def test_a_controller_whose_clock_stands_hangs():
     assert not any(checks.check(_state(), t) for t in times)
 
 
-def test_an_imu_that_is_silent_for_half_a_second_is_told():
-    checks = _interlocks()
-    assert checks.check(_state(), 10.0) is None
-    assert checks.check(_state(), 10.0, heard=9.51) is None
-    assert checks.check(_state(), 10.0, heard=9.4) == "the IMU has been silent for 0.60 s"
-
-
 def test_a_temperature_outside_for_a_second_is_told():
     checks = _interlocks(temperature=(288.15, 308.15))
     times = np.arange(0, 4, 0.02)

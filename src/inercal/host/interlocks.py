@@ -49,8 +49,6 @@ class Interlocks:
         Whose readings `against_gyros` is shown.
     temperature : tuple of two floats, optional
         Of the IMU, K: lowest and highest.
-    silence : float
-        s that the IMU may be silent.
 
     Raises
     ------
@@ -64,11 +62,10 @@ class Interlocks:
         bench: Turntable,
         sensor: Sensor,
         temperature: tuple[float, float] | None = None,
-        silence: float = 0.5,
     ):
         if len(limits) != len(bench.names):
             raise InputError(f"limits of {len(limits)} axes; the bench has {len(bench.names)}")
-        self._bench, self._temperature, self._silence = bench, temperature, silence
+        self._bench, self._temperature = bench, temperature
         self._axes = tuple(
             (name, of.following_error * _SHARE, held.rate * _BEYOND)
             for name, of, held in zip(bench.names, limits, bench.limits_of_axes, strict=True)
@@ -80,13 +77,7 @@ class Interlocks:
         self._tail: tuple[Array, Array, Array] | None = None
         self._agreed = nan
 
-    def check(
-        self,
-        state: TableState,
-        now: float,
-        heard: float | None = None,
-        temperature: float | None = None,
-    ) -> str | None:
+    def check(self, state: TableState, now: float, temperature: float | None = None) -> str | None:
         """Return what is wrong with the table or the IMU now.
 
         Parameters
@@ -95,8 +86,6 @@ class Interlocks:
             The latest.
         now : float
             s of the run.
-        heard : float, optional
-            When the IMU's last bytes came, s of the run.
         temperature : float, optional
             Of the IMU, K; NaN is none.
         """
@@ -116,8 +105,6 @@ class Interlocks:
         stands, self._time = state.time == self._time, state.time
         if self._lasts("clock", stands, now, _HANGS):
             return f"the controller hangs: its clock has stood at {state.time:.3f} s"
-        if heard is not None and now - heard > self._silence:
-            return f"the IMU has been silent for {now - heard:.2f} s"
         if self._temperature and temperature is not None and isfinite(temperature):
             low, high = self._temperature
             if self._lasts("temperature", not low <= temperature <= high, now, _WARM):
