@@ -1,5 +1,6 @@
 """Keys of the terminal while a run goes on: p pauses, g goes on."""
 
+import os
 import sys
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -23,11 +24,18 @@ def keys(run: "BenchRun") -> Generator[None]:
     from threading import Thread
 
     over = False
+    terminal = sys.stdin.fileno()
 
     def listen() -> None:
         while not over:
-            if select([sys.stdin], [], [], _WAIT)[0]:
-                match sys.stdin.read(1):
+            if not select([terminal], [], [], _WAIT)[0]:
+                continue
+            # Not by sys.stdin: it takes all that waits, and select knows nothing of its buffer.
+            typed = os.read(terminal, 64)
+            if not typed:
+                return
+            for key in typed:
+                match chr(key):
                     case "p":
                         run.ask("pause")
                     case "g":
