@@ -138,3 +138,21 @@ def test_a_clock_that_is_lost_is_told():
             port.take(3, PATIENCE)
     for end in (device, host):
         os.close(end)
+
+
+@pytest.mark.parametrize(
+    ("error", "says"),
+    [(RuntimeError("the port is closed"), "lost: the port is closed"), (TypeError(), "TypeError")],
+)
+def test_whatever_the_reader_ends_by_is_told(error: Exception, says: str):
+    def lost() -> float:
+        raise error
+
+    device, host = pty.openpty()
+    tty.setraw(host)
+    with ImuPort(open_link(f"serial:{os.ttyname(host)}"), FIXED, lost) as port:
+        os.write(device, b"abc")
+        with pytest.raises(LinkLost, match=says):
+            port.take(3, PATIENCE)
+    for end in (device, host):
+        os.close(end)

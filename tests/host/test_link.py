@@ -3,6 +3,7 @@
 import os
 import pty
 import socket
+import termios
 import tty
 from collections.abc import Iterator
 
@@ -70,6 +71,24 @@ def test_an_unplugged_port_is_a_lost_link():
         os.close(device)
         with pytest.raises(LinkLost, match="serial:/dev"):
             link.read(10, 1.0)
+
+
+def test_what_a_terminal_says_that_is_gone_is_a_lost_link(
+    terminal: tuple[int, str], monkeypatch: pytest.MonkeyPatch
+):
+    def gone(*_: object) -> None:
+        raise termios.error(5, "Input/output error")
+
+    with open_link(f"serial:{terminal[1]}") as link:
+        # Between two looks at a port, setting its time out is what finds that it is gone.
+        monkeypatch.setattr(termios, "tcsetattr", gone)
+        monkeypatch.setattr(termios, "tcgetattr", gone)
+        monkeypatch.setattr("serial.Serial.write", gone)
+        monkeypatch.setattr("serial.Serial.read", gone)
+        with pytest.raises(LinkLost, match=r"lost: Input/output error$"):
+            link.read(10, 0.0)
+        with pytest.raises(LinkLost, match=r"lost: Input/output error$"):
+            link.write(b"PPO")
 
 
 def test_a_port_that_is_not_there_is_a_lost_link():

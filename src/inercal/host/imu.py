@@ -155,6 +155,9 @@ class ImuPort:
                     data += self._link.read(_MOST, 0.0)
             except InercalError as error:  # the clock may be lost too
                 lost = error
+            except Exception as error:
+                # Nobody would hear of a thread that ends otherwise: the IMU would be silent.
+                lost = LinkLost(f"{self.address}: lost: {str(error) or type(error).__name__}")
             if data or lost:
                 with self._came:
                     if data and not isnan(time):

@@ -6,12 +6,20 @@ pseudo-terminal has none and says ENOTTY.
 """
 
 import socket
+import sys
 from collections.abc import Callable
 from time import monotonic
 from typing import Protocol, Self
 from urllib.parse import parse_qsl, urlsplit
 
 from inercal.errors import InercalError, InputError
+
+# What a terminal says that is gone, where a system has them: it is no OSError.
+_NO_TERMINAL: tuple[type[Exception], ...] = ()
+if sys.platform != "win32":
+    from termios import error as _terminal_error
+
+    _NO_TERMINAL = (_terminal_error,)
 
 _OPENING = 5.0  # s; a table on the laboratory's network answers within milliseconds
 _PARITIES = {"none": "N", "even": "E", "odd": "O"}
@@ -108,7 +116,7 @@ class SerialLink(_Closing):
                 "serial ports need pyserial; install the extra: pip install 'inercal[host]'"
             ) from error
         self.address = f"serial:{path}"
-        self._broken = (OSError, serial.SerialException)
+        self._broken = (OSError, serial.SerialException, *_NO_TERMINAL)
         try:
             self._port = serial.Serial(path, baud, bits, _PARITIES[parity], stop, timeout=0)
         except (*self._broken, ValueError) as error:
@@ -207,4 +215,6 @@ def _whole(address: str, given: dict[str, str], key: str, otherwise: int, within
 
 
 def _reason(error: Exception) -> str:
+    if isinstance(error, _NO_TERMINAL):
+        return str(error.args[-1])  # behind its number
     return (isinstance(error, OSError) and error.strerror) or str(error) or type(error).__name__
