@@ -1,5 +1,7 @@
 """The log of a run: sound whatever moment the host dies at."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -78,3 +80,45 @@ def test_the_digest_is_that_of_the_bytes(tmp_path: Path):
     file = tmp_path / "abc"
     file.write_bytes(b"abc")  # FIPS 180-2, B.1
     assert digest(file) == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+
+
+HOLDER = """
+import sys
+from inercal.host.log import IMU, Log
+log = Log(sys.argv[1])
+log.append(IMU, 1.0, b"held")
+print("holds", flush=True)
+sys.stdin.read()
+"""
+
+
+def test_a_log_that_another_host_writes_is_refused_untouched_until_that_host_is_killed(path: Path):
+    pipe = subprocess.PIPE
+    with subprocess.Popen(
+        [sys.executable, "-c", HOLDER, str(path)], stdin=pipe, stdout=pipe
+    ) as holder:
+        assert holder.stdout is not None
+        assert holder.stdout.readline() == b"holds\n"
+        # Half a frame, as it looks while the other host writes.
+        with path.open("ab") as file:
+            file.write(b"\xa5i\x01")
+        was = path.read_bytes()
+        with pytest.raises(InputError, match=r"run\.log: another host drives this run"):
+            Log(path)
+        assert path.read_bytes() == was
+        holder.kill()
+        holder.wait()
+        with Log(path) as log:
+            assert log.torn == 3
+    assert list(frames(path)) == [*WRITTEN, Frame(IMU, 1.0, b"held")]
+
+
+def test_a_log_that_was_refused_can_be_opened_again_by_the_same_host(path: Path):
+    whole = path.read_bytes()
+    path.write_bytes(b"no" + whole)
+    with pytest.raises(InputError, match="is no log of a run"):
+        Log(path)
+    path.write_bytes(whole)
+    with Log(path), pytest.raises(InputError, match="another host"):
+        Log(path)
+    Log(path).close()

@@ -11,6 +11,7 @@ opens the file again.
 """
 
 import os
+import sys
 from collections.abc import Generator
 from hashlib import sha256
 from pathlib import Path
@@ -19,6 +20,9 @@ from typing import NamedTuple, Self
 from zlib import crc32
 
 from inercal.errors import InputError
+
+if sys.platform != "win32":
+    from fcntl import LOCK_EX, LOCK_NB, flock
 
 IMU, TABLE, EVENT = 1, 2, 3
 _HEAD = Struct("<2sBId")
@@ -44,7 +48,9 @@ class Frame(NamedTuple):
 
 
 class Log:
-    """A log open for appending.
+    """A log open for appending, by one host at a time: the file is locked while it is open.
+
+    The system frees the lock of a host that is gone, however it went.
 
     Parameters
     ----------
@@ -59,20 +65,28 @@ class Log:
     Raises
     ------
     InputError
-        The file cannot be written, or is not a log, or is damaged before its end: what follows the
-        damage would be lost.
+        Another host has the file open. It cannot be written, or is not a log, or is damaged before
+        its end: what follows the damage would be lost.
     """
 
     def __init__(self, path: str | os.PathLike[str]):
         self.path = Path(path)
         try:
-            sound = _sound(self.path) if self.path.exists() else 0
             self._file = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)
+            try:
+                # Before a look at it: a frame that another host is at looks like a torn one.
+                _lock(self._file)
+                sound = _sound(self.path)
+                self.torn = os.fstat(self._file).st_size - sound
+                if self.torn:
+                    os.ftruncate(self._file, sound)
+            except BaseException:
+                os.close(self._file)
+                raise
+        except BlockingIOError:
+            raise InputError(f"{self.path}: another host drives this run") from None
         except OSError as error:
             raise InputError(f"{self.path}: cannot be written: {error.strerror}") from None
-        self.torn = os.fstat(self._file).st_size - sound
-        if self.torn:
-            os.ftruncate(self._file, sound)
 
     def append(self, kind: int, time: float, payload: bytes) -> None:
         """Write one frame; it is in the system's hands when this returns.
@@ -122,6 +136,12 @@ def digest(path: str | os.PathLike[str]) -> str:
         while block := file.read(1 << 20):
             made.update(block)
     return made.hexdigest()
+
+
+def _lock(file: int) -> None:
+    """Lock a descriptor's file, or raise `BlockingIOError`; where a system cannot, do nothing."""
+    if sys.platform != "win32":
+        flock(file, LOCK_EX | LOCK_NB)
 
 
 def _sound(path: Path) -> int:
