@@ -22,8 +22,8 @@ def path(tmp_path: Path) -> Path:
 
 def test_a_journal_says_again_what_it_was_told(path: Path):
     with Journal(path) as journal:
-        run = journal.run()
-        assert run[1:] == ("plan.toml", "pmac://a:1025", "tcp://b:1", "", 0.02, 3, "running")
+        header = journal.header()
+        assert header[1:] == ("plan.toml", "pmac://a:1025", "tcp://b:1", "", 0.02, 3, "running")
         assert journal.done() == 0
         assert journal.sections() == ()
         journal.section(0, "warm-up", "begun", 1.5)
@@ -44,7 +44,7 @@ def test_a_journal_says_again_what_it_was_told(path: Path):
             (None, "info", "resumed"),
         ]
         assert journal.files() == {"run.log": (13, "cd")}
-        assert journal.run().state == "interrupted"
+        assert journal.header().state == "interrupted"
 
 
 def test_what_is_no_journal_is_refused_in_one_line(path: Path, tmp_path: Path):
@@ -62,6 +62,41 @@ def test_what_is_no_journal_is_refused_in_one_line(path: Path, tmp_path: Path):
     db.close()
     with pytest.raises(InputError, match="no journal of this version"):
         Journal(tmp_path / "other.sqlite")
+
+
+BEGINNER = """
+import os, signal, sys
+from inercal.host.journal import Journal
+seen = 0
+def kill(frame, what, about):
+    global seen
+    if frame.f_code.co_filename.endswith(("journal.py", "atomic.py")):
+        seen += what == "line"
+        if seen == int(sys.argv[2]):
+            os.kill(os.getpid(), signal.SIGKILL)
+    return kill
+sys.settrace(kill)
+Journal.begin(sys.argv[1], "plan.toml", ("", "", ""), 0.02, 3)
+"""
+
+
+def test_a_host_killed_at_any_line_of_begin_leaves_a_whole_journal_or_none(tmp_path: Path):
+    left: list[bool] = []
+    code = -1
+    for line in range(1, 100):
+        path = tmp_path / f"{line}.sqlite"
+        code = subprocess.run([sys.executable, "-c", BEGINNER, str(path), str(line)]).returncode
+        left.append(path.exists())
+        if not path.exists():
+            Journal.begin(path, "plan.toml", ("", "", ""), 0.02, 3).close()
+        with Journal(path) as journal:
+            assert journal.header().run_file == "plan.toml"
+        if code == 0:
+            break
+        assert code == -signal.SIGKILL
+    assert left == sorted(left)
+    assert left.count(False) > 5
+    assert code == 0
 
 
 WRITER = """

@@ -94,7 +94,7 @@ def _go(folder: "Folder", journal: "Journal", options: "Options", json: bool) ->
     from inercal.host.finish import finish
 
     live = None
-    if journal.run().state != "carried out":
+    if journal.header().state != "carried out":
         live = _carried_out(folder, journal, options)
     with working(f"calibrating {folder.run.sensor.name} from {folder.run.data.file}"):
         outcome, files = finish(folder, journal, live)
@@ -114,7 +114,7 @@ def _carried_out(folder: "Folder", journal: "Journal", options: "Options") -> "L
     from inercal.host.compile import compiled
     from inercal.host.run import Addresses, BenchRun
 
-    was = journal.run()
+    was = journal.header()
     addresses = Addresses(*was.addresses)
     with working("compiling what a run needs, once on each machine"):
         compiled(folder.run)

@@ -63,7 +63,7 @@ class Account:
     def __init__(self, folder: Folder, journal: Journal, layout: Layout):
         run, bench = folder.run, folder.run.bench
         assert isinstance(bench, Turntable)
-        self.assembly = Assembly.of(run, layout, journal.run().poll)
+        self.assembly = Assembly.of(run, layout, journal.header().poll)
         self.live = Live(run) if run.method.name == METHOD.name else None
         whole = all(len(run.sensor.only(kind).axes) == _TRIAD for kind in ("f", "w"))
         self._whole = run.sensor, bench

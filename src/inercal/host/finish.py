@@ -40,7 +40,7 @@ def finish(folder: Folder, journal: Journal, live: Live | None = None) -> Finish
         The recording cannot be used: it stands all the same, and so does the log.
     """
     run = folder.run
-    was = journal.run()
+    was = journal.header()
     about = {"table": was.table, "imu": was.imu, "begun": was.begun, "inercal": version("inercal")}
     recording = write(run, layout_of_address(was.imu), folder.log, folder.path, about, was.poll)
     files = {"run_file": run.path, "log": folder.log, "recording": recording}

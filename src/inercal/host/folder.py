@@ -137,7 +137,7 @@ def resumed(
     """
     journal = Journal(Path(path) / JOURNAL)
     try:
-        was = journal.run()
+        was = journal.header()
         if was.state == "done":
             raise InputError(f"{path}: this run is done; its recording can be calibrated again")
         folder = Folder.of(path, was.run_file)

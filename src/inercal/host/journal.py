@@ -8,12 +8,13 @@ repeated whole.
 import os
 import sqlite3
 from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple, Self
 
 from inercal.errors import InputError
+from inercal.io.atomic import atomic_write
 
 _VERSION = 1
 _SCHEMA = """
@@ -28,7 +29,7 @@ CREATE TABLE file (name TEXT PRIMARY KEY, size INTEGER NOT NULL, sha256 TEXT NOT
 """
 
 
-class Run(NamedTuple):
+class Header(NamedTuple):
     """What a journal is of.
 
     Parameters
@@ -70,7 +71,7 @@ class Event(NamedTuple):
     at : str
         ISO 8601, UTC.
     time : float or None
-        The table's clock, s.
+        s of the run.
     level : "info", "warning" or "alarm"
     words : str
     """
@@ -82,7 +83,11 @@ class Event(NamedTuple):
 
 
 class Journal:
-    """A journal open for writing; every call is one transaction, on disk when it returns.
+    """A journal open for writing; every call is one transaction.
+
+    What a call wrote is there after a kill of the host at any moment. After a loss of power the
+    journal is sound, but the last of it may be gone: the disk is not waited for, as a loop of 20 ms
+    must not.
 
     Raises
     ------
@@ -105,7 +110,7 @@ class Journal:
         poll: float,
         steps: int,
     ) -> Self:
-        """Make a journal and open it.
+        """Make a journal and open it; a host killed meanwhile leaves a whole one or none.
 
         Parameters
         ----------
@@ -126,19 +131,21 @@ class Journal:
         """
         if Path(path).exists():
             raise InputError(f"{path} is there already; resume that run or name another folder")
-        with _said(Path(path)):
-            db = sqlite3.connect(path)
-            with db:
-                db.executescript(f"BEGIN; {_SCHEMA} PRAGMA user_version = {_VERSION}; COMMIT;")
-                row = (_now(), run_file, *addresses, poll, steps, "running")
-                db.execute("INSERT INTO run VALUES (?, ?, ?, ?, ?, ?, ?, ?)", row)
-            db.close()
+        row = (_now(), run_file, *addresses, poll, steps, "running")
+        with (
+            _said(Path(path)),
+            atomic_write(path) as temporary,
+            closing(sqlite3.connect(temporary)) as db,
+        ):
+            db.executescript(f"BEGIN; {_SCHEMA} PRAGMA user_version = {_VERSION};")
+            db.execute("INSERT INTO run VALUES (?, ?, ?, ?, ?, ?, ?, ?)", row)
+            db.commit()
         return cls(path)
 
-    def run(self) -> Run:
+    def header(self) -> Header:
         """Return what the journal is of."""
         with _said(self.path):
-            return Run(*self._db.execute("SELECT * FROM run").fetchone())
+            return Header(*self._db.execute("SELECT * FROM run").fetchone())
 
     def move(self, addresses: tuple[str, str, str]) -> None:
         """Keep where table, IMU and clock are from now on."""
@@ -178,7 +185,7 @@ class Journal:
         return 0 if last is None else last + 1
 
     def event(self, level: str, words: str, time: float | None = None) -> None:
-        """Keep something an operator should know: "info", "warning" or "alarm"."""
+        """Keep something an operator should know: "info", "warning" or "alarm"; s of the run."""
         self._do(
             "INSERT INTO event (at, time, level, words) VALUES (?, ?, ?, ?)",
             _now(), time, level, words,
@@ -219,7 +226,8 @@ def _opened(path: Path) -> sqlite3.Connection:
     with _said(path):
         db = sqlite3.connect(path)
         try:
-            # A write-ahead log: a host that is killed leaves the last whole transaction.
+            # A write-ahead log that is flushed now and then: the system has what a killed host
+            # wrote, the disk not yet all of it.
             db.execute("PRAGMA journal_mode = WAL")
             db.execute("PRAGMA synchronous = NORMAL")
             (version,) = db.execute("PRAGMA user_version").fetchone()

@@ -135,7 +135,7 @@ class BenchRun:
         self.trouble = ""
         self._journal, self._options = journal, options
         self._show: Callable[[BenchRun], None] = show or _blind
-        self._bench, self._poll = bench, journal.run().poll
+        self._bench, self._poll = bench, journal.header().poll
         self._paused: dict[_Why, str] = {}
         self._commands: list[Command] = []
         self._asked: SimpleQueue[Literal["pause", "go on", "stop"]] = SimpleQueue()
@@ -465,4 +465,4 @@ def _clock(addresses: Addresses, options: Options, journal: Journal) -> Clock:
     """Return the bench's clock: a simulated one's own, or the wall's since the run was begun."""
     if addresses.clock:
         return SimulatedClock(addresses.clock, options.speed)
-    return WallClock(datetime.fromisoformat(journal.run().begun).timestamp())
+    return WallClock(datetime.fromisoformat(journal.header().begun).timestamp())
