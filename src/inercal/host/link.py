@@ -15,11 +15,12 @@ from urllib.parse import parse_qsl, urlsplit
 from inercal.errors import InercalError, InputError
 
 # What a terminal says that is gone, where a system has them: it is no OSError.
-_NO_TERMINAL: tuple[type[Exception], ...] = ()
-if sys.platform != "win32":
+if sys.platform == "win32":
+    _NO_TERMINAL: tuple[type[Exception], ...] = ()
+else:
     from termios import error as _terminal_error
 
-    _NO_TERMINAL = (_terminal_error,)
+    _NO_TERMINAL: tuple[type[Exception], ...] = (_terminal_error,)
 
 _OPENING = 5.0  # s; a table on the laboratory's network answers within milliseconds
 _PARITIES = {"none": "N", "even": "E", "odd": "O"}
