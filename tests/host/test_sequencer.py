@@ -208,6 +208,7 @@ def test_an_axis_that_is_moved_from_outside_during_a_hold_is_named(turned: float
         run(made, table, table.time + 0.05)
     table.angle[1] += turned
     table.tell(Stop())  # it stands there, and says no fault
+    assert made.step(table.read()) == []
     with pytest.raises(TableFault, match=r"axis 1 moved during the hold: .* \(step 2, up: work\)"):
         made.step(table.read())
 
@@ -218,5 +219,20 @@ def test_an_axis_that_moves_during_a_hold_is_named_before_it_is_far():
         run(made, table, table.time + 0.05)
     table.tell(Go(2, 1.0, 1e-4, 1.0))
     table.wait()
+    assert made.step(table.read()) == []
     with pytest.raises(TableFault, match="axis 2 moved during the hold"):
         made.step(table.read())
+
+
+def test_one_false_reading_during_a_hold_is_not_believed_and_ends_none():
+    table, made = Table(), Sequencer([Task("p", (0,) * 3, (0,) * 3, 0.0, 10.0, 0.0)], LIMITS)
+    while made.phase != "work":
+        run(made, table, table.time + 0.05)
+    for late in (1.0, 20.0):
+        table.angle[0] = table.goal[0] = 1.0
+        table.time += late
+        made.step(table.read())
+        assert made.phase == "work"
+        table.angle[0] = table.goal[0] = 0.0
+        made.step(table.read())
+    assert [one.what for one in made.sections] == ["begun", "done"]

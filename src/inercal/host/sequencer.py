@@ -102,6 +102,7 @@ class Sequencer:
         self._since, self._within = 0.0, 0.0
         self._target: tuple[float, ...] = ()
         self._working = False
+        self._doubted = False  # by its last reading an axis moved that should hold
 
     @property
     def task(self) -> Task | None:
@@ -207,8 +208,7 @@ class Sequencer:
             return all(axis.homed and axis.settled for axis in seen.axes)
         task = self.task
         if self.phase == "work" and task is not None and not task.rate:
-            self._refuse_moved(task, seen)
-            return seen.time - self._since >= task.seconds
+            return not self._moved(task, seen) and seen.time - self._since >= task.seconds
         if not all(axis.settled for axis in seen.axes):
             return False
         for i, (axis, angle) in enumerate(zip(seen.axes, self._target, strict=True)):
@@ -236,7 +236,7 @@ class Sequencer:
             self._enter("done")
 
     def _enter(self, phase: Phase) -> None:
-        self.phase, self._told = phase, False
+        self.phase, self._told, self._doubted = phase, False, False
 
     def _void(self, time: float) -> None:
         if self._working and (task := self.task):
@@ -250,14 +250,23 @@ class Sequencer:
             if self.phase in ("approach", "work", "return") and not axis.enabled:
                 raise TableFault(f"axis {i}: its servo is off{self._during()}")
 
-    def _refuse_moved(self, task: Task, seen: TableState) -> None:
-        # A panel or a hand can turn an axis that its controller takes for well.
+    def _moved(self, task: Task, seen: TableState) -> bool:
+        """Tell whether an axis leaves its place by this reading; by the second in a row, refuse.
+
+        A panel or a hand can turn an axis whose controller says no fault; one reading alone may
+        have a false digit.
+        """
+        doubted, self._doubted = self._doubted, False
         for i, (axis, angle) in enumerate(zip(seen.axes, task.start, strict=True)):
-            if axis.moving or abs(axis.angle - angle) > _THERE:
+            if not (axis.moving or abs(axis.angle - angle) > _THERE):
+                continue
+            self._doubted = True
+            if doubted:
                 raise TableFault(
                     f"axis {i} moved during the hold: it is at {degrees(axis.angle):.4f}° instead "
                     f"of {degrees(angle):.4f}°; it was moved from outside{self._during()}"
                 )
+        return self._doubted
 
     def _late(self, seen: TableState) -> str:
         """Say which axes have not done what they were told."""
