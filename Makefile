@@ -22,7 +22,7 @@ $(INSTALLED): requirements.lock pyproject.toml
 	$(UV) pip install --quiet --python $(BIN)/python --no-deps --no-build-isolation --editable .
 	touch $@
 
-demo: $(INSTALLED)  ## install, then simulate a MEMS IMU, calibrate it from its recording, write the report
+demo: $(INSTALLED)  ## install, then calibrate an IMU on a simulated bench, live and from its recording, write the report
 	$(BIN)/inercal demo --out demo-output
 
 test: $(INSTALLED)  ## all tests but the slow ones

@@ -22,6 +22,7 @@ VERBS = (
     "apply",
     "report",
     "reproduce",
+    "bench",
 )
 
 
@@ -33,7 +34,15 @@ def inercal(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.parametrize(
-    "arguments", [["--help"], ["calibrate", "--help"], ["budget", "--help"], ["--version"]]
+    "arguments",
+    [
+        ["--help"],
+        ["calibrate", "--help"],
+        ["budget", "--help"],
+        ["bench", "--help"],
+        ["bench", "run", "--help"],
+        ["--version"],
+    ],
 )
 def test_help_and_version_import_no_numerics(arguments: list[str]):
     code = (

@@ -193,7 +193,7 @@ def snippets(name: str) -> list[str]:
 
 
 def test_the_snippets_of_the_calibration_page_apply_and_verify_a_file(tmp_path: Path):
-    run = inercal.demo(tmp_path, seed=3).outcome.calibration
+    run = inercal.calibrate(ROOT / "examples/six_position/run.toml").calibration
     file = inercal.save(run, tmp_path / "run.calibration.json")
     apply, verify = (s.replace("run.calibration.json", str(file)) for s in snippets(
         "reference/calibration-file.md"

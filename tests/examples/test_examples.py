@@ -11,6 +11,11 @@ import numpy as np
 import pytest
 
 import inercal
+from inercal.host.compile import compiled
+from inercal.host.finish import finish
+from inercal.host.folder import begin
+from inercal.host.run import Addresses, BenchRun
+from inercal.host.simulated import SimulatedBench
 from inercal.io.write import write_recordings
 from inercal.pipeline import Outcome, calibrate, simulate_files
 from inercal.runfile import read
@@ -66,6 +71,7 @@ def test_every_run_file_of_the_examples_is_run_by_a_test():
     run |= {"rate_table/ship_recording.toml"}  # by tests/test_rate_table_simulated.py
     run |= {"turntable/mimu.toml", "turntable/two_clocks.toml"}
     run |= {"bench/packets.toml"}  # by tests/host/packets/test_page.py
+    run |= {"bench/plan.toml"}
     run |= {f"dividing_head/{name}.toml" for name in ("pair", "lab", "tumble")}
     assert found == run | {f"ferraris_recordings/{name}.toml" for name in SESSIONS}
 
@@ -90,6 +96,23 @@ def test_the_simulated_session_is_calibrated_to_its_truth(examples: Path, name: 
     nees = error @ np.linalg.solve(calibration.covariance, error)
     # χ² with 33 (30, 24) degrees of freedom: these are its 0.003 % (0.5 % of 24) and 99.9 % points.
     assert 10 < nees < 63
+
+
+def test_the_plan_of_the_bench_is_carried_out_on_a_simulated_one(examples: Path, tmp_path: Path):
+    run = read(examples / "bench" / "plan.toml")
+    with SimulatedBench(run.path, seed=1) as bench:
+        addresses = Addresses(bench.table, bench.imu, bench.clock or "")
+        # So seldom, it is over in some 10 s; compiling comes on top, once.
+        folder, journal = begin(tmp_path / "run", run, addresses, poll=0.05)
+        with journal:
+            compiled(folder.run)
+            with BenchRun(folder, journal, addresses) as going:
+                assert going.carry_out(), going.trouble
+            calibration = finish(folder, journal, going.live).outcome.calibration
+    truth = np.array([run.truth.get(name, 0.0) for name in calibration.sensor.coefficients])
+    error = calibration.values - truth
+    # χ² with 24 degrees of freedom: these are its 0.5 % and 99.9 % points.
+    assert 9.9 < error @ np.linalg.solve(calibration.covariance, error) < 51
 
 
 @pytest.mark.parametrize("name", SESSIONS)

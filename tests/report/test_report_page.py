@@ -63,10 +63,10 @@ def parsed(text: str) -> _Tags:
     return tags
 
 
-def simulated(folder: Path, name: str) -> Run:
-    """Return a run file of the package, with its recording simulated."""
+def simulated(folder: Path, run_file: str) -> Run:
+    """Return a run of that text, with its recording simulated."""
     path = folder / "run.toml"
-    path.write_bytes(files("inercal").joinpath(name).read_bytes())
+    path.write_text(run_file, encoding="utf-8")
     run = read(path)
     write_recording(named_as_in(run, simulate(run, 3)), folder / run.data.file)
     return run
@@ -74,12 +74,14 @@ def simulated(folder: Path, name: str) -> Run:
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    return simulated(tmp_path_factory.mktemp("demo"), "demo.toml")
+    run_file = Path(__file__).parent / "mems.toml"
+    return simulated(tmp_path_factory.mktemp("mems"), run_file.read_text(encoding="utf-8"))
 
 
 @pytest.fixture(scope="module")
 def by_hand(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
-    return calibrate(simulated(tmp_path_factory.mktemp("hand"), "hand_held.toml"))
+    run_file = files("inercal").joinpath("hand_held.toml").read_text(encoding="utf-8")
+    return calibrate(simulated(tmp_path_factory.mktemp("hand"), run_file))
 
 
 @pytest.fixture(scope="module")
