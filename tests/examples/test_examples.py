@@ -108,7 +108,7 @@ def test_the_plan_of_the_bench_is_carried_out_on_a_simulated_one(examples: Path,
             compiled(folder.run)
             with BenchRun(folder, journal, addresses) as going:
                 assert going.carry_out(), going.trouble
-            calibration = finish(folder, journal, going.live).outcome.calibration
+            calibration = finish(folder, journal, going.account.live).outcome.calibration
     truth = np.array([run.truth.get(name, 0.0) for name in calibration.sensor.coefficients])
     error = calibration.values - truth
     # χ² with 24 degrees of freedom: these are its 0.5 % and 99.9 % points.

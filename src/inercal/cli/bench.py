@@ -155,7 +155,9 @@ def simulate(
     run_file: _RunFile,
     seed: Annotated[int, typer.Option(help="Of noise, and of what is imperfect.")] = 0,
     preset: Annotated[str, typer.Option(help="Of the IMU's packets.")] = "fixed",
-    rate: Annotated[float | None, typer.Option(help="Packets a second; as in [data].")] = None,
+    rate: Annotated[
+        float | None, typer.Option(help="Packets a second; else as the run file has it.")
+    ] = None,
     pace: Annotated[
         str, typer.Option(help="Bench seconds in one of the wall's; or granted: by the host.")
     ] = "granted",

@@ -20,7 +20,11 @@ def of_imu(imu: "Imu") -> list[str]:
     """Return lines about what an IMU sends."""
     lines = [f"{imu.address}: {imu.size} bytes in {imu.seconds:.1f} s"]
     if not imu.size:
-        return [*lines, "  it sends nothing: is it switched on, are baud and wiring right?"]
+        return [
+            *lines,
+            "  it sends nothing: is it switched on, are baud and wiring right? (A simulated one "
+            "whose time is granted waits for a run: simulate --pace 1.)",
+        ]
     if not imu.senders:
         return [
             *lines,

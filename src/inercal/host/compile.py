@@ -27,7 +27,7 @@ def compiled(run: Run) -> None:
     if run.method.name != METHOD.name or run.estimator not in WAYS:
         return
     kinds = {axis.measures for axis in run.sensor.axes}
-    command = [sys.executable, "-m", "inercal.host.compile", str(run.path)]
+    command = [sys.executable, "-P", "-m", "inercal.host.compile", str(run.path)]
     other = Popen(command, stdin=DEVNULL, stdout=DEVNULL, stderr=DEVNULL) if "f" in kinds else None
     if "w" in kinds:
         _follow(run, "w")

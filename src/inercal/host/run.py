@@ -129,7 +129,7 @@ class BenchRun:
             raise InputError(f"{run.path}: [bench] kind: a bench run takes a turntable")
         steps = [step for step in run.steps if isinstance(step, Position | Rotation)]
         self.tasks = tasks(bench, steps)
-        self.sequencer = Sequencer(self.tasks, bench.limits_of_axes, journal.done())
+        self.sequencer = Sequencer(self.tasks, bench.limits_of_axes, journal.done(), bench.names)
         self.name, self.sensor, self.axes = run.sensor.name, run.sensor, bench.names
         self.state: TableState | None = None
         self.trouble = ""

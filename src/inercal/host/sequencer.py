@@ -83,6 +83,8 @@ class Sequencer:
         Of each axis.
     first : int
         The task to begin with; those before it are done.
+    names : sequence of str, optional
+        Of the axes, for what is said of them; else their numbers from 0.
 
     Attributes
     ----------
@@ -93,7 +95,14 @@ class Sequencer:
         What began and ended, in order; the caller may take them out.
     """
 
-    def __init__(self, tasks: Sequence[Task], limits: Sequence[Limits], first: int = 0):
+    def __init__(
+        self,
+        tasks: Sequence[Task],
+        limits: Sequence[Limits],
+        first: int = 0,
+        names: Sequence[str] = (),
+    ):
+        self._names = tuple(names) or tuple(str(i) for i in range(len(limits)))
         self.phase: Phase = "enable"
         self.number = first
         self.sections: list[Section] = []
@@ -169,7 +178,8 @@ class Sequencer:
     def _commands(self, seen: TableState) -> tuple[list[Command], float]:
         """Return what this phase begins with, and how long it may take, s."""
         if self.phase == "enable":
-            wanted = not all(axis.enabled for axis in seen.axes)
+            # A fault that is latched goes when the loop is closed, if its cause has gone.
+            wanted = not all(axis.enabled and not axis.faults for axis in seen.axes)
             return [Enable()] if wanted else [], _GRACE
         if self.phase == "home":
             wanted = not all(axis.homed for axis in seen.axes)
@@ -203,7 +213,7 @@ class Sequencer:
 
     def _finished(self, seen: TableState) -> bool:
         if self.phase == "enable":
-            return all(axis.enabled for axis in seen.axes)
+            return all(axis.enabled and not axis.faults for axis in seen.axes)
         if self.phase == "home":
             return all(axis.homed and axis.settled for axis in seen.axes)
         task = self.task
@@ -214,7 +224,7 @@ class Sequencer:
         for i, (axis, angle) in enumerate(zip(seen.axes, self._target, strict=True)):
             if abs(axis.angle - angle) > _THERE:
                 raise TableFault(
-                    f"axis {i} stands at {degrees(axis.angle):.4f}° instead of "
+                    f"axis {self._names[i]} stands at {degrees(axis.angle):.4f}° instead of "
                     f"{degrees(angle):.4f}°: it was stopped from outside{self._during()}"
                 )
         return True
@@ -244,11 +254,14 @@ class Sequencer:
         self._working = False
 
     def _refuse_faults(self, seen: TableState) -> None:
+        enabling = self.phase == "enable" and not (
+            self._told and seen.time - self._since > self._within
+        )
         for i, axis in enumerate(seen.axes):
-            if axis.faults:
-                raise TableFault(f"axis {i}: {', '.join(axis.faults)}{self._during()}")
+            if axis.faults and not enabling:
+                raise TableFault(f"axis {self._names[i]}: {', '.join(axis.faults)}{self._during()}")
             if self.phase in ("approach", "work", "return") and not axis.enabled:
-                raise TableFault(f"axis {i}: its servo is off{self._during()}")
+                raise TableFault(f"axis {self._names[i]}: its servo is off{self._during()}")
 
     def _moved(self, task: Task, seen: TableState) -> bool:
         """Tell whether an axis leaves its place by this reading; by the second in a row, refuse.
@@ -263,7 +276,7 @@ class Sequencer:
             self._doubted = True
             if doubted:
                 raise TableFault(
-                    f"axis {i} moved during the hold: it is at {degrees(axis.angle):.4f}° instead "
+                    f"axis {self._names[i]} moved during the hold: it is at {degrees(axis.angle):.4f}° instead "
                     f"of {degrees(angle):.4f}°; it was moved from outside{self._during()}"
                 )
         return self._doubted
@@ -271,7 +284,9 @@ class Sequencer:
     def _late(self, seen: TableState) -> str:
         """Say which axes have not done what they were told."""
         late = [i for i, axis in enumerate(seen.axes) if not _at_rest(axis)] or [0]
-        where = ", ".join(f"axis {i} at {degrees(seen.axes[i].angle):.4f}°" for i in late)
+        where = ", ".join(
+            f"axis {self._names[i]} at {degrees(seen.axes[i].angle):.4f}°" for i in late
+        )
         return f"after {self._within:.1f} s the table has not arrived: {where}{self._during()}"
 
     def _during(self) -> str:

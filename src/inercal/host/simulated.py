@@ -123,7 +123,7 @@ class SimulatedBench:
     def _start(self, which: str, module: str, *options: str) -> list[str]:
         """Start a process; return the words behind `at` in its first line."""
         process = subprocess.Popen(
-            [sys.executable, "-m", f"inercal.host.sim.{module}", *options],
+            [sys.executable, "-P", "-m", f"inercal.host.sim.{module}", *options],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,

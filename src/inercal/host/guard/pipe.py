@@ -48,7 +48,7 @@ class Guard:
         self.interrupted = False
         self._heard, self._beaten = b"", -1.0
         self._left = False
-        command = [sys.executable, "-m", "inercal.host.guard", address]
+        command = [sys.executable, "-P", "-m", "inercal.host.guard", address]
         command += ["--silence", str(silence), "--patience", str(patience)]
         # A session of its own: no terminal sends it a signal, or takes it along when it closes.
         self._process = Popen(command, 0, None, PIPE, PIPE, STDOUT, start_new_session=True)

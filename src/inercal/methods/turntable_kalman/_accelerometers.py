@@ -112,7 +112,7 @@ def accelerometers(
     _felt(model, state, done)
     drawn, driven, z = np.zeros(n), np.zeros((6, 6)), np.zeros(5)
     # A literal 0 would have `_carry` compiled a second time, for itself.
-    total, first = 0.0, np.int64(0)
+    total, first = 0.0, int(np.int64(0))
     for e in range(readback.epochs.size):
         row = e % len(steps.s)
         a, keep, h, gain = steps.a[row], steps.keep[row], steps.h[row], steps.gain[row]

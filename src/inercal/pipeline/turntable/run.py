@@ -99,8 +99,10 @@ def gather(run: Run, bench: Turntable) -> Gathered:
     turns = find_turns(recording.time, angles, recording.labels)
     if HOLD in recording.readback and recording.labels is not None:
         # What a servo still does where a hold begins is no turn.
-        rests = {recording.labels[start] for start, _ in holds.tolist()}
-        turns = tuple(t for t in turns if recording.labels[(t.start + t.stop) // 2] not in rests)
+        rests = {str(recording.labels[start]) for start, _ in holds.tolist()}
+        turns = tuple(
+            t for t in turns if str(recording.labels[(t.start + t.stop) // 2]) not in rests
+        )
     marks, steps, own = _steps(run, recording, angles, long_enough(recording.time, holds), turns)
     findings += against_plan(steps, own, run)
     observations = observe(recording, run.sensor, marks, steps, found=True)
