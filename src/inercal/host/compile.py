@@ -7,7 +7,6 @@ arrays that a run hands it: a rest of the table is polled, sent, assembled and f
 
 import json
 import sys
-from contextlib import suppress
 from pathlib import Path
 from subprocess import DEVNULL, Popen
 
@@ -15,11 +14,9 @@ import numpy as np
 
 from inercal.benches import Turntable
 from inercal.benches.turntable_attitude import motion
-from inercal.errors import InercalError
 from inercal.host.assembly import Assembly
 from inercal.host.drivers.table import AxisLimits, AxisState, TableState
 from inercal.host.interlocks import Interlocks
-from inercal.host.live import Live
 from inercal.host.log import EVENT, IMU, TABLE, Frame
 from inercal.host.navigation import Navigator
 from inercal.host.packets import Layout, encode
@@ -56,10 +53,9 @@ def compiled(run: Run, layout: Layout | None = None) -> None:
     InputError
         Packets that do not go with the run file.
     """
-    kalman = run.method.name == METHOD.name and run.estimator in WAYS
-    if kalman:
+    if run.method.name == METHOD.name and run.estimator in WAYS:
         _filters(run)
-    tracks = [_rest(run)] if layout is None else _assembled(run, layout, kalman)
+    tracks = [_rest(run)] if layout is None else _assembled(run, layout)
     table = _table(run)
     checks = Interlocks((AxisLimits(),) * len(table.names), table, run.sensor)
     for track in tracks:
@@ -89,11 +85,10 @@ def _follow(run: Run, kind: str) -> None:
     filtered(run.sensor, _table(run), _rest(run), way, run.priors, smooth=True)
 
 
-def _assembled(run: Run, layout: Layout, kalman: bool) -> list[Track]:
-    """Return what is assembled of a rest, followed live where the method is the filters'."""
+def _assembled(run: Run, layout: Layout) -> list[Track]:
+    """Return what is assembled of a rest, in two pieces."""
     lasting = _TIED + COARSE + 3 * settling(_table(run)) + 2 * _AFTER
     made, frames = Assembly.of(run, layout, _POLL), _frames(run, layout, lasting)
-    live = Live(run) if kalman else None
     tracks: list[Track] = []
     for early in (True, False):
         for frame in frames:
@@ -101,10 +96,6 @@ def _assembled(run: Run, layout: Layout, kalman: bool) -> list[Track]:
                 made.feed(frame)
         if (block := made.take()) is not None:
             tracks.append(block.track)
-            # What the filters do not take is said by the run itself, which goes on without them.
-            with suppress(InercalError):
-                if live is not None:
-                    live.feed(block)
     return tracks
 
 
