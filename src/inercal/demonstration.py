@@ -14,6 +14,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from inercal.errors import InercalError
+from inercal.host.addresses import layout_of_address
 from inercal.host.compile import compiled
 from inercal.host.finish import finish
 from inercal.host.folder import begin
@@ -89,7 +90,7 @@ def demo(
             addresses = Addresses(bench.table, bench.imu, bench.clock)
             made, journal = begin(folder, run, addresses, _POLL)
             with journal:
-                compiled(made.run)
+                compiled(made.run, layout_of_address(bench.imu))
                 with BenchRun(made, journal, addresses, show=show) as going:
                     done = going.carry_out()
                 if not done:

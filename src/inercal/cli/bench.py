@@ -111,13 +111,14 @@ def _carried_out(folder: "Folder", journal: "Journal", options: "Options") -> "L
     from inercal.cli.bench_keys import keys
     from inercal.cli.bench_view import viewing
     from inercal.cli.show import working
+    from inercal.host.addresses import layout_of_address
     from inercal.host.compile import compiled
     from inercal.host.run import Addresses, BenchRun
 
     was = journal.header()
     addresses = Addresses(*was.addresses)
     with working("compiling what a run needs, once on each machine"):
-        compiled(folder.run)
+        compiled(folder.run, layout_of_address(was.imu))
     with (
         viewing() as show,
         BenchRun(folder, journal, addresses, options, show) as bench,

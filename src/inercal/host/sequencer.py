@@ -276,8 +276,9 @@ class Sequencer:
             self._doubted = True
             if doubted:
                 raise TableFault(
-                    f"axis {self._names[i]} moved during the hold: it is at {degrees(axis.angle):.4f}° instead "
-                    f"of {degrees(angle):.4f}°; it was moved from outside{self._during()}"
+                    f"axis {self._names[i]} moved during the hold: it is at "
+                    f"{degrees(axis.angle):.4f}° instead of {degrees(angle):.4f}°; it was moved "
+                    f"from outside{self._during()}"
                 )
         return self._doubted
 

@@ -117,6 +117,7 @@ class Guard:
         """Tell the guard to let go, and wait for its end; a second time does nothing."""
         if self._left:
             _guards.discard(self)
+            _seeing_to_it.append(self._process)
             return
         self._write(b"q")
         self._let_go_of_pipe()
@@ -167,6 +168,7 @@ class Guard:
 
 
 _guards: WeakSet[Guard] = WeakSet()
+_seeing_to_it: list[Popen[bytes]] = []  # they end by themselves, and are not to be waited for
 
 
 def _forked() -> None:
