@@ -17,7 +17,7 @@ from inercal.errors import InercalError
 from inercal.host.addresses import layout_of_address
 from inercal.host.compile import compiled
 from inercal.host.finish import finish
-from inercal.host.folder import begin
+from inercal.host.folder import begin, require_free
 from inercal.host.run import Addresses, BenchRun
 from inercal.host.simulated import SimulatedBench
 from inercal.pipeline import Outcome
@@ -82,6 +82,7 @@ def demo(
     InercalError
         The run was interrupted.
     """
+    require_free(folder)
     with TemporaryDirectory() as plans:
         run = _plan(Path(plans), quick=quick)
         with SimulatedBench(run.path, seed) as bench:

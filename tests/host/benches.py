@@ -79,9 +79,13 @@ def carried_out(
     run: Run | None = None,
     acts: Sequence[tuple[str, str, Act]] = (),
     options: Options | None = None,
+    poll: float = 0.05,
 ) -> Ended:
-    """Begin a run in a folder, or resume the one in it; see how it ends."""
-    made, journal = resumed(folder) if run is None else begin(folder, run, addresses(bench))
+    """Begin a run in a folder, or resume the one in it; see how it ends.
+
+    So seldom as it is polled here a run passes in a few seconds.
+    """
+    made, journal = resumed(folder) if run is None else begin(folder, run, addresses(bench), poll)
     with journal:
         with Interfered(made, journal, addresses(bench), options or Options()) as going:
             going.acts = list(acts)

@@ -128,13 +128,6 @@ def killed_and_resumed(folder: Path, unbroken: Unbroken, share: float) -> None:
         assert abs(other - value) < 5 * np.hypot(std, its), name
 
 
-@pytest.mark.parametrize("share", [0.75])
-def test_a_run_whose_host_was_killed_is_finished_by_resume(
-    tmp_path: Path, unbroken: Unbroken, share: float
-):
-    killed_and_resumed(tmp_path / "run", unbroken, share)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "share", np.random.default_rng(20).uniform(0.01, 1.0, 20).round(4).tolist()

@@ -18,7 +18,7 @@ def test_for_more_than_a_minute_in_real_time_no_packet_is_lost(tmp_path: Path, r
     compiled(run)
     with SimulatedBench(run.path, seed=4, rate_hz=rate, pace=1.0) as bench:
         begun = monotonic()
-        ended = carried_out(tmp_path / "run", bench, run)
+        ended = carried_out(tmp_path / "run", bench, run, poll=0.02)
         wall = monotonic() - begun
     assert ended.done, ended.words
     tally = ended.run.account.assembly.tally

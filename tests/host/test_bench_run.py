@@ -14,10 +14,14 @@ from inercal.host.run import Options
 from inercal.host.simulated import SimulatedBench
 
 
+@pytest.fixture(scope="module", autouse=True)
+def warm(tmp_path_factory: pytest.TempPathFactory) -> None:
+    compiled(plan(tmp_path_factory.mktemp("warm")))
+
+
 @pytest.fixture
 def bench(tmp_path: Path) -> Iterator[SimulatedBench]:
     run = plan(tmp_path / "plan")
-    compiled(run)
     with SimulatedBench(run.path, seed=1) as made:
         yield made
 
@@ -48,9 +52,8 @@ def test_a_run_does_its_steps_in_order_and_leaves_no_packet_out(
 
 def test_how_fast_a_bench_is_run_changes_no_byte_and_no_number(tmp_path: Path):
     run = plan(tmp_path / "plan", SHORT.replace("22", "21"))
-    compiled(run)
     left: list[tuple[list[object], list[float]]] = []
-    for name, speed in (("fast", None), ("slow", 20.0)):
+    for name, speed in (("fast", None), ("slow", 40.0)):
         with SimulatedBench(run.path, seed=5) as bench:
             ended = carried_out(tmp_path / name, bench, run, options=Options(speed=speed))
         assert ended.done, ended.words

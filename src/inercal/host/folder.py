@@ -50,13 +50,8 @@ class Folder:
             It cannot be made, or there is a run in it already.
         """
         path = Path(path)
-        if (path / JOURNAL).exists():
-            raise InputError(
-                f"{path} holds a run already: name another folder; one that was interrupted goes "
-                f"on by `inercal bench resume {path}`"
-            )
+        require_free(path)
         try:
-            path.mkdir(parents=True, exist_ok=True)
             for name in (run.path.name, *_named(run.path)):
                 with atomic_write(path / name) as temporary:
                     temporary.write_bytes((run.path.parent / name).read_bytes())
@@ -117,6 +112,26 @@ def begin(
     count = len(run.steps)
     folder = Folder.begin(path, run)
     return folder, Journal.begin(folder.journal, run.path.name, addresses, poll, count)
+
+
+def require_free(path: str | os.PathLike[str]) -> None:
+    """Make the folder of a run to come.
+
+    Raises
+    ------
+    InputError
+        It cannot be made, or holds a run.
+    """
+    path = Path(path)
+    if (path / JOURNAL).exists():
+        raise InputError(
+            f"{path} holds a run already: name another folder; one that was interrupted goes on by "
+            f"`inercal bench resume {path}`"
+        )
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be made: {error.strerror}") from None
 
 
 def resumed(

@@ -130,6 +130,8 @@ class ImuPort:
     def _read_now(self, upto: int | None, timeout: float) -> None:
         """Read what there is, or up to so many bytes in all."""
         end = monotonic() + timeout
+        if upto is not None and self.received >= upto:
+            upto = None  # nothing is due: whether the port is still there is asked all the same
         try:
             while self._lost is None and (upto is None or self.received < upto):
                 left = 0.0 if upto is None else end - monotonic()
