@@ -423,6 +423,4 @@ def test_from_a_signal_to_the_abort_at_the_controller_are_100_ms_at_most(
         return latencies
 
     with _host(server, 1000.0, "busy") as (host, _):
-        # Signal and abort wait for this machine's processors, too, where others have them: a table
-        # has a machine of its own, a test may not.
-        assert any(max(a_hundred()) <= 0.1 for _ in range(3))
+        assert max(a_hundred()) <= 0.1

@@ -18,7 +18,7 @@ from inercal.errors import InputError, NotObserved
 from inercal.methods.turntable import model
 from inercal.methods.turntable_kalman import METHOD as KALMAN
 from inercal.methods.turntable_kalman import follow
-from inercal.plan import Position, Rotation, TableStep
+from inercal.plan import Position, TableStep
 from inercal.recording import Observations, Track
 from inercal.runfile import Run
 
@@ -87,7 +87,7 @@ def worksheet(run: Run) -> PathSheet:
     bench = run.bench
     if not isinstance(bench, Turntable):
         raise InputError(f"{run.path}: this plan is of a turntable")
-    steps = [step for step in run.steps if isinstance(step, Position | Rotation)]
+    steps = run.table_steps
     try:
         way = travel(bench, steps)
         track = ideal(run, bench, way, steps)

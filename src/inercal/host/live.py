@@ -31,7 +31,6 @@ from inercal.methods.turntable_kalman.ways import (
     of_accelerometers,
     of_gyros,
 )
-from inercal.plan import Position, Rotation
 from inercal.recording import Track
 from inercal.runfile import Run
 
@@ -102,8 +101,7 @@ class Live:
         self.time = nan
         self._sensor, self._bench, self._way = run.sensor, run.bench, WAYS[run.estimator]
         self._priors = apart(run.sensor, run.priors)
-        steps = [one for one in run.steps if isinstance(one, Position | Rotation)]
-        self._lasting = _TIMES * seconds_on_turntable(run.bench, steps) + _BESIDE
+        self._lasting = _TIMES * seconds_on_turntable(run.bench, run.table_steps) + _BESIDE
         self._waiting: list[Track] = []
         self._filters: list[_OfGyros | _OfAccelerometers] = []
 

@@ -38,7 +38,6 @@ from inercal.host.log import IMU, TABLE
 from inercal.host.sequencer import Command, Enable, Go, Home, Sequencer
 from inercal.host.states import pack
 from inercal.host.tasks import tasks
-from inercal.plan import Position, Rotation
 
 _SHOWN = 0.2  # s of the wall's between two looks at the run
 _UNHEARD = 5  # readings of the table in a row that may fail
@@ -127,8 +126,7 @@ class BenchRun:
         run, bench = folder.run, folder.run.bench
         if not isinstance(bench, Turntable):
             raise InputError(f"{run.path}: [bench] kind: a bench run takes a turntable")
-        steps = [step for step in run.steps if isinstance(step, Position | Rotation)]
-        self.tasks = tasks(bench, steps)
+        self.tasks = tasks(bench, run.table_steps)
         self.sequencer = Sequencer(self.tasks, bench.limits_of_axes, journal.done(), bench.names)
         self.name, self.sensor, self.axes = run.sensor.name, run.sensor, bench.names
         self.state: TableState | None = None
@@ -248,14 +246,12 @@ class BenchRun:
         asked = self._clock.now()
         try:
             state = self._table.read()
-        except ProtocolError as error:
+        except (ProtocolError, LinkLost) as error:
+            # One stall of a machine or a network is not the end: the driver connects anew.
             self._unheard += 1
             self._say("warning", str(error))
-            if self._unheard >= _UNHEARD:
-                self._end(f"{_UNHEARD} readings of the table in a row failed")
-            return None
-        except LinkLost as error:
-            self._end(f"the table is gone: {error}")
+            if self._unheard == _UNHEARD:
+                self._end(f"the table is gone: {_UNHEARD} readings in a row failed: {error}")
             return None
         self._unheard = 0
         now = (asked + self._clock.now()) / 2

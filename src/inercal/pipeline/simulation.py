@@ -29,7 +29,7 @@ from inercal.pipeline.inputs import (
     turned_round,
 )
 from inercal.pipeline.turntable.run import settling
-from inercal.plan import Index, Position, Rotation, Spin, TableStep
+from inercal.plan import Index, Position, Spin
 from inercal.recording import Recording
 from inercal.runfile import Run, read
 from inercal.sensors import Axis, Sensor
@@ -114,7 +114,7 @@ def _simulated(
     elif isinstance(bench, RateTable):
         done, readback = perform_on_table(bench, _spins(run), rate, rng, several)
     elif isinstance(bench, Turntable):
-        done, said = perform_on_turntable(bench, _on_turntable(run), rate, rng, several)
+        done, said = perform_on_turntable(bench, run.table_steps, rate, rng, several)
         readback = said if trials else {name: values[0] for name, values in said.items()}
         if run.data.hold is not None:
             readback[HOLD] = np.zeros_like(readback[bench.names[0]]) + _holds(run, bench, done)
@@ -149,7 +149,7 @@ def _table_file(run: Run, done: Performance, rng: np.random.Generator, source: s
     # Begun before the recording and ended after it, as by hand.
     ticks = range(floor((first - _BESIDE) * rate), ceil((last + _BESIDE) * rate) + 1)
     stamps = np.array(ticks) / rate
-    angles = read_at(bench, travel(bench, _on_turntable(run)), stamps, q, rng)
+    angles = read_at(bench, travel(bench, run.table_steps), stamps, q, rng)
     sizes = np.array([readback_units(run)[name] for name in bench.names])
     return Recording(
         time=stamps / factor(data.table_time_unit, "s"),
@@ -165,14 +165,10 @@ def _spins(run: Run) -> list[Spin]:
     return [step for step in run.steps if isinstance(step, Spin)]
 
 
-def _on_turntable(run: Run) -> list[TableStep]:
-    return [step for step in run.steps if isinstance(step, Position | Rotation)]
-
-
 def _holds(run: Run, bench: Turntable, done: Performance) -> np.ndarray:
     """Return the number of the hold that each sample is in, as a bench host writes it, (n,)."""
     number = np.full(done.time.size, -1.0)
-    for k, step in enumerate(one for one in _on_turntable(run) if isinstance(one, Position)):
+    for k, step in enumerate(one for one in run.table_steps if isinstance(one, Position)):
         time = done.time[done.labels == step.label]
         aside = settling(bench)
         number[(done.time >= time[0] + aside) & (done.time <= time[-1] - aside)] = k
@@ -184,7 +180,7 @@ def _seconds(run: Run) -> float:
     if isinstance(run.bench, RateTable):
         return seconds_on_table(_spins(run))
     if isinstance(run.bench, Turntable):
-        return seconds_on_turntable(run.bench, _on_turntable(run))
+        return seconds_on_turntable(run.bench, run.table_steps)
     return sum(
         seconds_on_arm(step) if isinstance(step, Spin) else step.seconds for step in run.steps
     )

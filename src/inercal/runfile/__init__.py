@@ -23,7 +23,7 @@ from inercal.methods import Method, method
 from inercal.methods._base import Estimator
 from inercal.methods.ship_multi_angle import global_
 from inercal.methods.ship_multi_angle.evolution import Generation, Options
-from inercal.plan import Step
+from inercal.plan import Position, Rotation, Step, TableStep
 from inercal.runfile.build import build_bench, build_sensor, coefficient_value, si_value
 from inercal.runfile.checks import KINDS, axes_of, require_columns, require_frame, require_once
 from inercal.runfile.path import on_path
@@ -106,6 +106,11 @@ class Run:
             return self.plan()
         except InputError as error:
             raise InputError(f"{self.path}: [method] {error}") from None
+
+    @property
+    def table_steps(self) -> list[TableStep]:
+        """The positions and rotations of the nominal plan: on a turntable all of its steps."""
+        return [step for step in self.steps if isinstance(step, Position | Rotation)]
 
     def solver(self, progress: Callable[[Generation], None] | None = None) -> Estimator[Any, Any]:
         """Return the estimator, with what the run file says of its search if it is one.

@@ -36,7 +36,6 @@ from inercal.host.sim._packed import Packer
 from inercal.host.sim.drawn import draw
 from inercal.host.sim.felt import Imu
 from inercal.host.sim.port import Port, Socket, Terminal
-from inercal.plan import Position, Rotation
 from inercal.runfile import Run, read
 
 POSSIBLE = "fault loss P, fault errors P, fault silent on|off, fault unplug, fault replug, die"
@@ -157,7 +156,7 @@ def main() -> None:
         layout = read_layout(options.preset)
         drawn = draw(run, options.seed)
         rate = rate_of(run, layout, options.rate)
-        steps = [step for step in run.steps if isinstance(step, Position | Rotation)]
+        steps = run.table_steps
         seconds = 1.5 * seconds_on_turntable(drawn.bench, steps) + _SPARE
         imu, packer = Imu(run, drawn, rate, seconds), Packer(layout, rate)
     except InputError as error:

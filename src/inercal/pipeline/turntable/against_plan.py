@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from inercal.errors import InputError
 from inercal.pipeline.turntable.labels import alike, merged
-from inercal.plan import Position, Rotation, TableStep
+from inercal.plan import TableStep
 from inercal.recording import Finding
 from inercal.runfile import Run
 
@@ -29,7 +29,7 @@ def against_plan(
     if not run.planned:
         return ()
     try:
-        plan = [step for step in run.steps if isinstance(step, Position | Rotation)]
+        plan = run.table_steps
     except InputError:
         return ()  # a recording is calibrated without a plan
     labels = [name.strip() for name in own] if own is not None else []

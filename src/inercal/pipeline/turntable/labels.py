@@ -44,7 +44,7 @@ def labelled(
 def _planned(steps: Sequence[TableStep], run: Run) -> list[str] | None:
     """Return the plan's names, if it is what was done."""
     try:
-        plan = merged([step for step in run.steps if isinstance(step, Position | Rotation)])
+        plan = merged(run.table_steps)
     except InputError:
         return None  # a recording is calibrated without a plan
     if len(plan) != len(steps):
