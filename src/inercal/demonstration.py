@@ -92,7 +92,7 @@ def demo(
             made, journal = begin(folder, run, addresses, _POLL)
             with journal:
                 compiled(made.run, layout_of_address(bench.imu))
-                with BenchRun(made, journal, addresses, show=show) as going:
+                with BenchRun(made, journal, addresses, show=show) as going, bench.beside():
                     done = going.carry_out()
                 if not done:
                     raise InercalError(f"{folder}: the run was interrupted: {going.trouble}")

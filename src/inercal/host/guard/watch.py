@@ -19,6 +19,7 @@ _STILL = radians(0.5)  # rad/s; a PMAC of few counts a turn rounds its rates to 
 _LOOKS = 2  # at rest in a row
 _MARK = 0.5  # s over which a rate must fall by this part, or the table does not slow down
 _FALL = 0.1
+_LATE = 0.1  # s that a wake-up may be late
 _GRACE = 1.0  # s beyond what deceleration takes
 _HANGS = 5.0  # s by the wall that the controller's clock may stand
 
@@ -105,9 +106,8 @@ class Watch:
                 self._stop(f"the host was silent for {self._silence:g} s")
             if self._stopping:
                 self._pursue(self._stopping)
-            elif self._due(now) and self._look() and self._wrong:
-                self._wrong.clear()
-                self._say("ready")
+            elif self._due(now):
+                self._look_idly()
             if self._gone and not self._stopping:
                 return 0
             if self._gone and now - self._answered > self._patience:
@@ -127,7 +127,11 @@ class Watch:
     def _listen(self, wait: float) -> None:
         """Do what comes within `wait` s says."""
         ends = [self._signals] if self._gone else [self._pipe, self._signals]
+        due = monotonic() + wait
         ready, _, _ = select(ends, [], [], wait)
+        late = monotonic() - due
+        if self._beat is not None and late > _LATE:
+            self._beat += late  # the whole machine stood still: that is no silence of the host
         if self._signals in ready:
             os.read(self._signals, 64)
             self._gone = True
@@ -205,11 +209,17 @@ class Watch:
             self._table.close()
             self._table = None
 
+    def _look_idly(self) -> None:
+        """See that the link holds; a machine that stalls for a moment is no lost link."""
+        if (self._look(quietly=True) or self._look()) and self._wrong:
+            self._wrong.clear()
+            self._say("ready")
+
     def _off(self) -> bool:
         """Tell whether, when last seen, no axis had its servo on."""
         return self._state is not None and not any(axis.enabled for axis in self._state.axes)
 
-    def _look(self) -> bool:
+    def _look(self, *, quietly: bool = False) -> bool:
         """Read the table's state; False where it does not tell."""
         self._state = None
         self._looked = monotonic()
@@ -217,10 +227,10 @@ class Watch:
         def read(table: RotaryTable) -> None:
             self._state = table.read()
 
-        return self._try(read)
+        return self._try(read, quietly=quietly)
 
-    def _try(self, act: Callable[[RotaryTable], None]) -> bool:
-        """Do something with the table; say once what is in the way."""
+    def _try(self, act: Callable[[RotaryTable], None], *, quietly: bool = False) -> bool:
+        """Do something with the table; say once what is in the way, if it shall be said."""
         try:
             if self._table is None:
                 self._table = open_table(self._address, None, _TIMEOUT)
@@ -228,9 +238,9 @@ class Watch:
         # Whatever it is, the next time it may be gone, and nobody else tries.
         except Exception as error:
             wrong = str(error) or type(error).__name__
-            if wrong not in self._wrong:
+            if not quietly and wrong not in self._wrong:
                 self._say(f"cannot: {wrong}")
-            self._wrong.add(wrong)
+                self._wrong.add(wrong)
             return False
         self._answered = monotonic()
         return True
