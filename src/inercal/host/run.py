@@ -1,6 +1,6 @@
 """A run on a bench, from the first command to the table at rest: the loop that all else serves.
 
-Every 20 ms of the bench's time::
+Every 20 ms of the bench's time, every 80 ms while the table holds its place::
 
     clock -> table's state and IMU's bytes -> log -> interlocks -> sequencer -> table, log, journal
 
@@ -40,6 +40,7 @@ from inercal.host.states import pack
 from inercal.host.tasks import tasks
 
 _SHOWN = 0.2  # s of the wall's between two looks at the run
+_SELDOM = 4  # of a table that holds its place: nothing lies between two readings
 _UNHEARD = 5  # readings of the table in a row that may fail
 _AT_REST = radians(0.5)  # rad/s; a PMAC of few counts a turn rounds its rates to almost that
 _NO_PACKET = 5.0  # s
@@ -216,7 +217,8 @@ class BenchRun:
         """
         tick = self._clock.end()
         # A bench that has gone on by itself is not followed tick by tick.
-        self._next = max(self._next, tick.time) + self._poll
+        step = self._poll * (_SELDOM if self.sequencer.holding else 1)
+        self._next = max(self._next, tick.time) + step
         self.time, self._rests = tick.time, False
         self._guard.beat()
         self._tell_what_is_due()

@@ -123,6 +123,12 @@ class Sequencer:
         """Nothing more will be commanded."""
         return self.phase in ("done", "aborted")
 
+    @property
+    def holding(self) -> bool:
+        """The table holds its place for the sake of a recording, and seems to."""
+        task = self.task
+        return self._working and task is not None and not task.rate and not self._doubted
+
     def remaining(self, time: float) -> float:
         """Return how long the rest takes if nothing goes wrong, s, at a time of the table."""
         left = sum(t.approach + t.seconds for t in self._tasks[self.number :])
