@@ -7,6 +7,7 @@ the numbers are those of an unhurried run.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,10 +15,10 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from inercal.errors import InercalError
-from inercal.host.addresses import layout_of_address
 from inercal.host.compile import compiled
 from inercal.host.finish import finish
 from inercal.host.folder import begin, require_free
+from inercal.host.packets import read_layout
 from inercal.host.run import Addresses, BenchRun
 from inercal.host.simulated import SimulatedBench
 from inercal.pipeline import Outcome
@@ -26,6 +27,7 @@ from inercal.runfile import Run, read
 
 # So seldom, 24 minutes pass in 24 s; at 15 °/s² angles between are within some arcseconds.
 _POLL = 0.05  # s
+_PACKETS = "fixed"
 _RUN_FILE, _PATH = "mimu.toml", "path.csv"
 
 
@@ -85,13 +87,14 @@ def demo(
     require_free(folder)
     with TemporaryDirectory() as plans:
         run = _plan(Path(plans), quick=quick)
-        with SimulatedBench(run.path, seed) as bench:
+        layout = read_layout(_PACKETS)
+        compiling = partial(compiled, run, layout)
+        with SimulatedBench(run.path, seed, _PACKETS, meanwhile=compiling) as bench:
             # The bench's processes have read the run file; from here on its copy counts.
             assert bench.clock is not None
             addresses = Addresses(bench.table, bench.imu, bench.clock)
             made, journal = begin(folder, run, addresses, _POLL)
             with journal:
-                compiled(made.run, layout_of_address(bench.imu))
                 with BenchRun(made, journal, addresses, show=show) as going, bench.beside():
                     done = going.carry_out()
                 if not done:

@@ -166,18 +166,16 @@ def smoothed(steps: Steps) -> tuple[Array, Array]:
         for j in range(steps.s.shape[1] - 1, -1, -1):
             if steps.s[e, j] > 0:
                 _before_update(steps.h[e, j], steps.gain[e, j], steps.off[e, j], steps.s[e, j],
-                               by, large, moved)  # fmt: skip
+                               by, large)  # fmt: skip
         _before_predict(steps.a[e], steps.keep[e], by, large, moved, ahead)
     return added, variance
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _before_update(
-    h: Array, gain: Array, off: float, s: float, by: Array, large: Array, moved: Array
-) -> None:
-    """Carry λ and Λ back over an update, in place; `moved` is overwritten."""
+def _before_update(h: Array, gain: Array, off: float, s: float, by: Array, large: Array) -> None:
+    """Carry λ and Λ back over an update, in place."""
     n = h.size
-    moved[:] = large @ gain
+    moved = large @ gain
     along, twice = off / s - gain @ by, 1 / s + gain @ moved
     for i in range(n):
         by[i] += h[i] * along
@@ -196,7 +194,8 @@ def _before_predict(
         moved[i] = keep[i] * by[i] if i >= k else 0.0
         for m in range(k):
             moved[i] += a[m, i] * by[m]
-    by[:] = moved
+    for i in range(n):
+        by[i] = moved[i]
     for i in range(n):
         for j in range(n):
             ahead[i, j] = large[i, j] * keep[j] if j >= k else 0.0

@@ -24,6 +24,7 @@ from inercal.host.packets.picture import AXES
 from inercal.host.states import pack
 from inercal.methods.turntable.model import COARSE
 from inercal.methods.turntable_kalman import METHOD
+from inercal.methods.turntable_kalman._accelerometers import accelerometers as kernel
 from inercal.methods.turntable_kalman.follow import WAYS, accelerometers, gyros
 from inercal.pipeline.turntable.run import settling
 from inercal.recording import Track
@@ -70,12 +71,20 @@ def _filters(run: Run) -> None:
     """Have both filters follow a rest, each compiled in a process of its own."""
     kinds = {axis.measures for axis in run.sensor.axes}
     command = [sys.executable, "-P", "-m", "inercal.host.compile", str(run.path)]
-    other = Popen(command, stdin=DEVNULL, stdout=DEVNULL, stderr=DEVNULL) if "f" in kinds else None
+    both = len(kinds) > 1 and not _kept()
+    other = Popen(command, stdin=DEVNULL, stdout=DEVNULL, stderr=DEVNULL) if both else None
     if "w" in kinds:
         _follow(run, "w")
     if other is not None:
         other.wait()
+    if "f" in kinds:
         _follow(run, "f")
+
+
+def _kept() -> bool:
+    """Tell whether a filter was compiled before on this machine, so that it is but loaded."""
+    folder = kernel.stats.cache_path
+    return folder is not None and any(Path(folder).glob(f"*.{kernel.__name__}-*.nbi"))
 
 
 def _follow(run: Run, kind: str) -> None:

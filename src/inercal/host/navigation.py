@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from inercal.benches.turntable import Turntable
 from inercal.benches.turntable_attitude import reference
 from inercal.methods.turntable.model import ARCSEC, GAP, earth
-from inercal.methods.turntable.strapdown import apart, rotate
+from inercal.methods.turntable.strapdown import apart, copy, rotate
 from inercal.recording import Track
 from inercal.sensors import Sensor
 from inercal.sensors.inverse import inverse
@@ -129,7 +129,7 @@ def _follow(
     wanted = 0
     for i in range(time.size):
         if wanted < anew.size and anew[wanted] == i:
-            c[:] = aligned[wanted]
+            copy(aligned[wanted], c)
             v[:] = 0.0
             wanted += 1
         else:
@@ -141,7 +141,7 @@ def _follow(
                 around = c[0, k] * earth[0] + c[1, k] * earth[1] + c[2, k] * earth[2]
                 coning = w0[a] * w[i, b] - w0[b] * w[i, a]
                 turn[k] = (0.5 * (w0[k] + w[i, k]) - around) * dt + coning * dt * dt / 12
-            half[:] = c
+            copy(c, half)
             rotate(half, 0.5 * turn)
             rotate(c, turn)
             for k in range(3):

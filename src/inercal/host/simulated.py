@@ -3,13 +3,14 @@
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from shutil import rmtree
+from tempfile import TemporaryDirectory
 from typing import Literal, Self
 
 from inercal.errors import InputError
+from inercal.host.sim import motion_link
 from inercal.host.sim.bench import COUNTS
 from inercal.host.sim.drawn import draw
 from inercal.runfile import read
@@ -36,6 +37,8 @@ class SimulatedBench:
         Bench seconds in one of the wall's; or as the host grants them through the clock.
     terminal : bool
         The IMU is at a pseudo-terminal; else at TCP.
+    meanwhile : callable, optional
+        Done while the processes start, which takes as long where they compile.
 
     Attributes
     ----------
@@ -58,18 +61,25 @@ class SimulatedBench:
         rate_hz: float | None = None,
         pace: float | Literal["granted"] = "granted",
         terminal: bool = True,
+        meanwhile: Callable[[], None] | None = None,
     ):
         self._drawn = draw(read(run), seed)
         self._processes: dict[str, subprocess.Popen[str]] = {}
-        self._folder: Path | None = None
+        # A process that was killed leaves something behind.
+        self._folder = TemporaryDirectory(prefix="inercal-", ignore_cleanup_errors=True)
         common = [str(run), "--seed", str(seed)]
         try:
             rate = [] if rate_hz is None else ["--rate", repr(float(rate_hz))]
             place = ["--terminal"] if terminal else ["--port", "0"]
-            imu, _, motion = self._start("imu", "mimu", *common, "--preset", preset, *rate, *place)
-            self._folder = Path(motion.removeprefix("unix:")).parent
-            told = ["--pace", str(pace), "--motion", motion]
-            table, *clock = self._start("table", "bench", *common, *told)
+            folder = Path(self._folder.name)
+            sends = ["--preset", preset, *rate, *place, "--folder", str(folder)]
+            moves = ["--pace", str(pace), "--motion", f"unix:{folder / motion_link.NAME}"]
+            self._start("imu", "mimu", *common, *sends)
+            self._start("table", "bench", *common, *moves)
+            if meanwhile:
+                meanwhile()
+            imu, *_ = self._address("imu")
+            table, *clock = self._address("table")
         except BaseException:
             self.close()
             raise
@@ -101,7 +111,7 @@ class SimulatedBench:
             raise InputError(said.removeprefix("no: "))
 
     @contextmanager
-    def beside(self) -> Iterator[None]:
+    def beside(self) -> Generator[None]:
         """Keep this process and the table's on one processor, and the IMU's on another.
 
         Host and table wait for one another: to wake one up on another processor, a virtual one
@@ -137,13 +147,10 @@ class SimulatedBench:
                 process.kill()
                 process.wait()
         self._processes.clear()
-        # A process that was killed leaves it behind.
-        if self._folder is not None:
-            rmtree(self._folder, ignore_errors=True)
+        self._folder.cleanup()
 
-    def _start(self, which: str, module: str, *options: str) -> list[str]:
-        """Start a process; return the words behind `at` in its first line."""
-        process = subprocess.Popen(
+    def _start(self, which: str, module: str, *options: str) -> None:
+        self._processes[which] = subprocess.Popen(
             [sys.executable, "-P", "-m", f"inercal.host.sim.{module}", *options],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
@@ -151,9 +158,12 @@ class SimulatedBench:
             # An interrupt at the terminal is the host's: the bench goes on, and is brought to rest.
             start_new_session=True,
         )
-        self._processes[which] = process
-        assert process.stdout
-        said = process.stdout.readline().strip()
+
+    def _address(self, which: str) -> list[str]:
+        """Return the words behind `at` in the first line that a process says."""
+        told = self._processes[which].stdout
+        assert told
+        said = told.readline().strip()
         if not said.startswith("at "):
             raise InputError(said.removeprefix("no: ") or f"the simulated {which} does not start")
         return said.split()[1:]

@@ -126,7 +126,8 @@ class Imu:
         self._slower = 1.0 - drawn.values["clock"]
         # Not that of the bench, which is drawn from the seed alone.
         self._rng = np.random.default_rng([drawn.seed, 1])
-        self._block = max(round(seconds * rate_hz), 1)
+        # Flicker noise is made by Fourier transforms, which take long where a factor is large.
+        self._block = 1 << round(seconds * rate_hz).bit_length()
         self._noise = self._drawn_noise()
         self._noise_from = 0
         self._axes = len(drawn.bench.axes)

@@ -150,23 +150,25 @@ def main() -> None:
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--terminal", action="store_true", help="a pseudo-terminal, no TCP")
     where.add_argument("--port", type=int, default=0, help="of TCP; 0: any free one")
+    parser.add_argument("--folder", type=Path, help="of terminal and motion; else one of its own")
     options = parser.parse_args()
-    try:
-        run = read(options.run)
-        layout = read_layout(options.preset)
-        drawn = draw(run, options.seed)
-        rate = rate_of(run, layout, options.rate)
-        steps = run.table_steps
-        seconds = 1.5 * seconds_on_turntable(drawn.bench, steps) + _SPARE
-        imu, packer = Imu(run, drawn, rate, seconds), Packer(layout, rate)
-    except InputError as error:
-        print(f"no: {error}", flush=True)
-        sys.exit(2)
     with ExitStack() as stack:
-        folder = stack.enter_context(TemporaryDirectory(prefix="inercal-"))
-        listener, motion = motion_link.listen(Path(folder) / "motion")
+        own = TemporaryDirectory(prefix="inercal-")
+        folder: Path = options.folder or Path(stack.enter_context(own))
+        # The table may come first: what follows compiles.
+        listener, motion = motion_link.listen(folder / motion_link.NAME)
         stack.enter_context(listener)
-        path = Path(folder) / "imu"
+        try:
+            run = read(options.run)
+            layout = read_layout(options.preset)
+            drawn = draw(run, options.seed)
+            rate = rate_of(run, layout, options.rate)
+            seconds = 1.5 * seconds_on_turntable(drawn.bench, run.table_steps) + _SPARE
+            imu, packer = Imu(run, drawn, rate, seconds), Packer(layout, rate)
+        except InputError as error:
+            print(f"no: {error}", flush=True)
+            sys.exit(2)
+        path = folder / "imu"
         port = options.port
 
         def plug() -> Port:

@@ -8,6 +8,7 @@ IMU has sent in all, once the readings due by then are sent.
 import socket
 from pathlib import Path
 from struct import Struct, pack
+from time import monotonic, sleep
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +16,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+NAME = "motion"  # of the socket, in the bench's folder
+_RETRY = 0.05  # s
 _HEAD = Struct("<ddqqq")  # until, period, first cycle, cycles, axes
 _SENT = Struct("<q")
 
@@ -46,7 +49,7 @@ def connect(address: str, patience: float) -> socket.socket:
     """
     end = socket.socket(socket.AF_UNIX)
     try:
-        end.connect(address.removeprefix("unix:"))
+        _reach(end, address.removeprefix("unix:"), patience)
         # The system's own time limit: that of Python asks twice.
         limit = pack("@ll", int(patience), int(patience % 1 * 1e6))
         end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, limit)
@@ -55,6 +58,19 @@ def connect(address: str, patience: float) -> socket.socket:
         end.close()
         raise
     return end
+
+
+def _reach(end: socket.socket, path: str, patience: float) -> None:
+    """Connect, as soon as the other process listens."""
+    until = monotonic() + patience
+    while True:
+        try:
+            end.connect(path)
+            return
+        except (FileNotFoundError, ConnectionRefusedError):
+            if monotonic() > until:
+                raise
+            sleep(_RETRY)
 
 
 def send(end: socket.socket, part: Part) -> None:

@@ -29,6 +29,14 @@ ALIKE = 3.0  # steps of time: a sample or two may be lost
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def copy(matrix: Array, out: Array) -> None:
+    """Write a 3 × 3 matrix; an assignment of slices takes Numba seconds to compile."""
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = matrix[i, j]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def rotate(c: Array, v: Array) -> None:
     """Turn C by the rotation vector v of the body, in place: C ← C exp [v×]."""
     s = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
@@ -222,7 +230,7 @@ def delayed(
     step = times[after] - times[before]
     left[:] = 0.0
     rate[:] = 0.0
-    out[:] = past[before]
+    copy(past[before], out)
     if step <= 0:
         return
     apart(past[after], past[before], rate)

@@ -22,6 +22,7 @@ from inercal.estimate.kalman import Steps, predict, update
 from inercal.methods.turntable.strapdown import (
     add_up,
     apart,
+    copy,
     correct,
     driven_by,
     fill,
@@ -34,6 +35,7 @@ from inercal.methods.turntable_kalman._common import (
     corrected,
     drifted,
     product,
+    take,
     walked,
     work,
 )
@@ -146,7 +148,7 @@ def accelerometers(
             history[e, 6 + s] = theta[s - 6] if 6 <= s < gm else x[s]
             history[e, 6 + n + s] = p[s, s]
         for r, s in enumerate(steps.wanted):
-            steps.rows[row, r] = p[s]
+            take(p[s], 0, steps.rows[row, r])
     _carry(first, samples.time.size, samples, model, state, done)
     return total
 
@@ -223,7 +225,7 @@ def _begin(
     state.time[1] = state.time[0]
     state.velocity[:] = 0.0
     state.made[:] = 0.0
-    state.c[:] = readback.attitude[e]
+    copy(readback.attitude[e], state.c)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -259,7 +261,7 @@ def _observe(e: int, readback: Readback, state: State, done: Work, z: Array, h: 
     beside, off = readback.beside, done.fed
     gm, q, n = 6 + state.theta.size, beside.shape[2], state.x.size
     own = gm + 3 + q
-    z[:3] = state.velocity
+    take(state.velocity, 0, z[:3])
     apart(readback.attitude[e], state.c, off)
     h[:] = 0.0
     for k in range(3):
@@ -279,7 +281,7 @@ def _feed_back(state: State, done: Work) -> None:
     x, theta, velocity, turn = state.x, state.theta, state.velocity, done.turn
     for k in range(3):
         velocity[k] -= x[k]
-    turn[:] = x[3:6]
+    take(x, 3, turn)
     x[:6] = 0.0
     turn_level(state.c, turn)
     for s in range(theta.size):

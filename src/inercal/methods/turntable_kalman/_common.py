@@ -73,6 +73,13 @@ def corrected(work: Work, model: Model, theta: Array, drift: Array) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def take(x: Array, first: int, out: Array) -> None:
+    """Write what stands in x from `first` on; see `strapdown.copy`."""
+    for k in range(out.size):
+        out[k] = x[first + k]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def product(a: Array, b: Array, out: Array) -> None:
     """Write the product of 3 × 3 matrices."""
     for i in range(3):

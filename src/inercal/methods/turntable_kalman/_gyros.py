@@ -19,6 +19,7 @@ from inercal.methods.turntable.strapdown import (
     SUDDEN,
     add_up,
     alike,
+    copy,
     correct,
     driven_by,
     fill,
@@ -31,6 +32,7 @@ from inercal.methods.turntable_kalman._common import (
     corrected,
     drifted,
     product,
+    take,
     walked,
     work,
 )
@@ -85,7 +87,7 @@ def gyros(
     gm = 3 + count
     fed, z, spread = np.zeros(3), np.zeros(3), np.zeros(3)
     if settings.closed:
-        fed[:] = x[gm : gm + 3]  # the drift that readings are corrected by
+        take(x, gm, fed)  # the drift that readings are corrected by
     done = work(model, theta, fed)
     drawn, driven = np.zeros(n), np.zeros((3, 3))
     # A literal 0 would have `_carry` compiled a second time, for itself.
@@ -122,13 +124,13 @@ def gyros(
             if settings.closed:
                 feed_back(model, state, done, fed)
         if settings.closed:
-            fed[:] = x[gm : gm + 3]
+            take(x, gm, fed)
         corrected(done, model, theta, fed)
         for s in range(n):
             history[e, 4 + s] = theta[s - 3] + x[s] if 3 <= s < gm else x[s]
             history[e, 4 + n + s] = p[s, s]
         for r, s in enumerate(steps.wanted):
-            steps.rows[row, r] = p[s]
+            take(p[s], 0, steps.rows[row, r])
     _carry(first, samples.time.size, samples, model, settings, state, done)
     return total
 
@@ -186,7 +188,7 @@ def _carry(
             beyond = u[k] - around_earth
             still = hold[i] >= 0 or beyond * beyond * dt < STILL * white[k]
             phi[RATE + k] = around_earth if still else u[k]
-        half[:] = c
+        copy(c, half)
         rotate(half, fed)
         rotate(c, turn)
         product(half, m, cm)
@@ -250,4 +252,4 @@ def _follow(x: Array, a: Array) -> None:
         moved[k] = x[k]
         for s in range(x.size):
             moved[k] += (a[k, s] - (1.0 if s == k else 0.0)) * x[s]
-    x[:3] = moved
+    take(moved, 0, x[:3])

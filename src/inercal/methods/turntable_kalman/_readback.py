@@ -16,8 +16,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from inercal.estimate.kalman import update
-from inercal.methods.turntable.strapdown import apart, around, delayed, turn_level
-from inercal.methods.turntable_kalman._common import Model, Work, product
+from inercal.methods.turntable.strapdown import apart, around, copy, delayed, turn_level
+from inercal.methods.turntable_kalman._common import Model, Work, product, take
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -121,10 +121,10 @@ def align(
             for k in range(3):
                 onto[i, j] += readback.attitude[e, i, k] * then[j, k]
     product(onto, state.c, then)
-    state.c[:] = then
+    copy(then, state.c)
     for row in range(len(state.past)):
         product(onto, state.past[row], then)
-        state.past[row] = then
+        copy(then, state.past[row])
     a[:] = 0.0
     driven[:] = 0.0
     for k in range(3):
@@ -272,7 +272,7 @@ def feed_back(model: Model, state: State, done: Work, fed: Array) -> None:
                 for j in range(3):
                     turn[k] -= sums[row, b, k, j] * by[b, j]
         turn_level(past[row], turn)
-    turn[:] = x[:3]
+    take(x, 0, turn)
     x[:3] = 0.0
     turn_level(state.c, turn)
     for s in range(theta.size):
