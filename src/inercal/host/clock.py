@@ -10,7 +10,7 @@ these; of a real one nobody knows.
 **Protocol** of a simulated bench's clock, lines over TCP: `until 12.5` and `now` are answered
 `TIME SENT SENT_BY`, s, bytes, s. The IMU makes the readings of the last grant while the host asks
 the table: `SENT` counts to the grant before, and to the last one where the time asked for has come
-already. Before the first `until` the bench stands still at 0. Where none comes for a second, or the
+already. Before the first `until` the bench stands still at 0. Where none comes for 5 s, or the
 connection ends, it goes on by itself as the wall's clock does, until the next.
 """
 

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
 from datetime import datetime
-from math import isfinite, radians
+from math import inf, isfinite, radians
 from queue import SimpleQueue
 from select import select
 from time import monotonic
@@ -26,6 +26,7 @@ from inercal.benches import Turntable
 from inercal.errors import InercalError, InputError
 from inercal.host.account import Account
 from inercal.host.addresses import layout_of_address, open_imu, open_table
+from inercal.host.assembly.polls import SELDOM
 from inercal.host.clock import Clock, SimulatedClock, WallClock
 from inercal.host.drivers.table import ProtocolError, TableFault, TableState
 from inercal.host.folder import Folder
@@ -40,7 +41,6 @@ from inercal.host.states import pack
 from inercal.host.tasks import tasks
 
 _SHOWN = 0.2  # s of the wall's between two looks at the run
-_SELDOM = 4  # of a table that holds its place: nothing lies between two readings
 _UNHEARD = 5  # readings of the table in a row that may fail
 _AT_REST = radians(0.5)  # rad/s; a PMAC of few counts a turn rounds its rates to almost that
 _NO_PACKET = 5.0  # s
@@ -138,7 +138,7 @@ class BenchRun:
         self._paused: dict[_Why, str] = {}
         self._commands: list[Command] = []
         self._asked: SimpleQueue[Literal["pause", "go on", "stop"]] = SimpleQueue()
-        self._unheard, self._shown = 0, 0.0
+        self._unheard, self._shown, self._trip = 0, 0.0, inf
         self._waits, self._told = True, False
         self._packets = 0, 0.0
         layout = layout_of_address(addresses.imu)
@@ -217,7 +217,7 @@ class BenchRun:
         """
         tick = self._clock.end()
         # A bench that has gone on by itself is not followed tick by tick.
-        step = self._poll * (_SELDOM if self.sequencer.holding else 1)
+        step = self._poll * (SELDOM if self.sequencer.holding else 1)
         self._next = max(self._next, tick.time) + step
         self.time, self._rests = tick.time, False
         self._guard.beat()
@@ -256,7 +256,11 @@ class BenchRun:
                 self._end(f"the table is gone: {_UNHEARD} readings in a row failed: {error}")
             return None
         self._unheard = 0
-        now = (asked + self._clock.now()) / 2
+        # Clocks are tied by the least that comes later than the table says: of a state that comes
+        # late no more is taken off than of the fastest.
+        answered = self._clock.now()
+        self._trip = min(self._trip, answered - asked)
+        now = answered - self._trip / 2
         if not isfinite(state.time):
             state = replace(state, time=now)  # a controller that tells none
         self.state = state

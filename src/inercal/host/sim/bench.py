@@ -133,7 +133,7 @@ class Pace:
         s of the wall without a request after which time goes on by itself.
     """
 
-    def __init__(self, silence: float = 1.0):
+    def __init__(self, silence: float = 5.0):
         self._silence = silence
         self._now = 0.0
         self._since: float | None = None  # of the wall, from which on time passes by itself
