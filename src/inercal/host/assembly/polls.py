@@ -21,7 +21,8 @@ from inercal.host.log import Frame
 from inercal.host.states import polls
 
 Array = NDArray[np.float64]
-_FAR = 2.5  # polls, a gap
+# A gap: polls, and s through which a cubic still knows an angle to some 1e-5 rad at 15 °/s².
+_FAR, _LONG = 2.5, 0.1
 SELDOM = 4  # so many times seldomer a table is polled that holds its place
 RESTED = 5.0  # s of a gap through which a table is taken to stand that stood on both sides
 SAME = 5e-5  # rad, 10″
@@ -71,7 +72,7 @@ class Table:
         self.known: Known | None = None
         self.offset: float | None = None
         self.left_out = 0
-        self._gap = _FAR * poll
+        self._gap = max(_FAR * poll, _LONG)
         self._begun, self._least = 0.0, inf
         self._wraps, self._tie = inf, False
         self.turns = 0.0

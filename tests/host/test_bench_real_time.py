@@ -1,0 +1,33 @@
+"""A bench that goes on by itself, as iron does: the host keeps pace and loses no packet.
+
+How often the table is polled is up to the machine, too: where others have its processors, angles
+between polls far apart are not known, and the tally says of how many samples.
+"""
+
+from pathlib import Path
+from time import monotonic
+
+import pytest
+from tests.host.benches import SHORT, carried_out, plan
+
+from inercal.host.compile import compiled
+from inercal.host.simulated import SimulatedBench
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rate", [200, 1000])
+def test_for_more_than_a_minute_in_real_time_no_packet_is_lost(tmp_path: Path, rate: int):
+    path = SHORT.replace("22", "40")
+    run = plan(tmp_path / "plan", path, [('rate = "200 Hz"', f'rate = "{rate} Hz"')])
+    compiled(run)
+    with SimulatedBench(run.path, seed=4, rate_hz=rate, pace=1.0) as bench:
+        begun = monotonic()
+        ended = carried_out(tmp_path / "run", bench, run, poll=0.02)
+        wall = monotonic() - begun
+    assert ended.done, ended.words
+    tally = ended.run.account.assembly.tally
+    print(f"{rate} Hz: {tally}, {wall:.1f} s of the wall, {ended.run.time:.1f} s of the run")
+    assert (tally.bytes.lost, tally.bytes.failed) == (0, 0)
+    assert ended.sections[-1][2] - ended.sections[0][1] > 60 - 5
+    sent = rate * (ended.sections[-1][2] - ended.sections[0][1])
+    assert abs(tally.samples + tally.no_angle - sent) < 2 * rate
