@@ -1,19 +1,16 @@
 """Runs on a simulated bench: what they leave, and what becomes of them when things go wrong."""
 
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from tests.host.benches import SHORT, Act, Ended, addresses, carried_out, made, plan
+from tests.host.benches import SHORT, Act, Ended, carried_out, made, plan
 
 from inercal.host.addresses import open_table
 from inercal.host.compile import compiled
-from inercal.host.folder import begin
 from inercal.host.log import IMU, frames
-from inercal.host.run import BenchRun, Options
+from inercal.host.run import Options
 from inercal.host.simulated import SimulatedBench
 
 
@@ -131,22 +128,6 @@ def test_a_table_that_is_gone_ends_the_run_in_words(tmp_path: Path, bench: Simul
     ended = run_with(tmp_path, bench, "y up", "approach", die)
     assert not ended.done
     assert "gone" in ended.run.trouble
-
-
-def test_a_reading_of_the_table_is_never_of_before_what_it_tells(
-    tmp_path: Path, bench: SimulatedBench
-):
-    # A host that stalls between question and answer: the table's clock was read when it went on.
-    folder, journal = begin(tmp_path / "run", plan(tmp_path / "plan"), addresses(bench))
-    with journal, BenchRun(folder, journal, addresses(bench)) as run:
-        state = run._table.read()
-        for asked, told, answered in ((1.0, 1.001, 1.002), (2.0, 2.45, 2.5), (3.0, 3.001, 3.5)):
-            now = iter((asked, answered))
-            run._clock = SimpleNamespace(now=now.__next__, close=lambda: None)  # pyright: ignore[reportAttributeAccessIssue]
-            run._table = SimpleNamespace(read=lambda told=told: replace(state, time=told))  # pyright: ignore[reportAttributeAccessIssue]
-            heard = run._read()
-            assert heard is not None
-            assert heard[0] >= told
 
 
 def test_corrupt_bytes_and_lost_packets_are_counted_and_none_of_them_enters(

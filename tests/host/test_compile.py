@@ -1,5 +1,8 @@
 """What is compiled before a run: all that it works with while a table turns."""
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -7,6 +10,48 @@ from tests.host.bench_log import LAYOUT, run_file
 
 from inercal.host import compile as host_compile
 from inercal.host.packets import Layout, read_layout
+
+RUN = """
+import sys
+from pathlib import Path
+from numba.core import event
+from tests.host.benches import carried_out, plan
+from inercal.host.compile import compiled
+from inercal.host.packets import read_layout
+from inercal.host.simulated import SimulatedBench
+
+
+class Late(event.Listener):
+    def on_start(self, event):
+        print("late:", event.data["dispatcher"], event.data["args"])
+
+    def on_end(self, event):
+        pass
+
+
+folder = Path(sys.argv[1])
+replaced = [] if sys.argv[2] == "turntable_kalman" else [(
+    'name = "turntable_kalman"', f'name = "{sys.argv[2]}"')]
+run = plan(folder / "plan", replaced=replaced)
+with SimulatedBench(run.path, seed=1) as bench:
+    compiled(run, read_layout("fixed"))
+    event.register("numba:compile", Late())
+    ended = carried_out(folder / "run", bench, run)
+print("done" if ended.done else ended.words)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["turntable_kalman", "turntable_discrete"])
+def test_a_run_compiles_nothing_more(tmp_path: Path, method: str):
+    made = subprocess.run(
+        [sys.executable, "-c", RUN, str(tmp_path), method],
+        env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")},
+        cwd=Path(__file__).parents[2],
+        capture_output=True,
+        text=True,
+    )
+    assert made.stdout.splitlines() == ["done"], made.stdout + made.stderr
 
 
 @pytest.mark.parametrize("name", ["fixed", "ascii", "novatel", "vn100", "xsens"])

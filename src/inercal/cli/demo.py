@@ -1,5 +1,6 @@
 """`inercal demo`: calibrate an IMU on a simulated three-axis table, compare with the truth."""
 
+import sys
 from pathlib import Path
 
 import typer
@@ -19,6 +20,8 @@ def run(
     from inercal.cli.show import as_json, as_table
     from inercal.demonstration import demo
 
+    say = "starting a simulated bench; the first time on a machine all is compiled, about a minute"
+    print(say, file=sys.stderr, flush=True)
     with viewing() as show:
         shown = demo(out, seed, quick=quick, show=show)
     if json:

@@ -14,11 +14,8 @@ its own with its own connection. Both are software; the hardware interlock is th
 
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import replace
 from datetime import datetime
-from math import inf, isfinite, radians
 from queue import SimpleQueue
-from select import select
 from time import monotonic
 from typing import Literal, NamedTuple, Self
 
@@ -28,7 +25,8 @@ from inercal.host.account import Account
 from inercal.host.addresses import layout_of_address, open_imu, open_table
 from inercal.host.assembly.polls import SELDOM
 from inercal.host.clock import Clock, SimulatedClock, WallClock
-from inercal.host.drivers.table import ProtocolError, TableFault, TableState
+from inercal.host.driven import Driven
+from inercal.host.drivers.table import TableFault, TableState
 from inercal.host.folder import Folder
 from inercal.host.guard import Guard
 from inercal.host.interlocks import Interlocks
@@ -36,17 +34,14 @@ from inercal.host.journal import Journal
 from inercal.host.link import LinkLost
 from inercal.host.listening import Listening
 from inercal.host.log import IMU, TABLE
-from inercal.host.sequencer import Command, Enable, Go, Home, Sequencer
+from inercal.host.sequencer import Command, Sequencer
 from inercal.host.states import pack
 from inercal.host.tasks import tasks
 
 _SHOWN = 0.2  # s of the wall's between two looks at the run
-_UNHEARD = 5  # readings of the table in a row that may fail
-_AT_REST = radians(0.5)  # rad/s; a PMAC of few counts a turn rounds its rates to almost that
 _NO_PACKET = 5.0  # s
 _AFTER = 1.0  # s that are recorded on: the last samples wait for what the table says after them
 _LOOKS = 0.05  # s of the wall's between two looks at the watchdog
-_LEAVING = 12.0  # s of the wall's to come to rest in, seen by the watchdog
 _PATIENCE, _SIMULATED = 600.0, 10.0  # s that it looks for a table that is gone
 _GRACE = 5.0  # s to come to rest in, beside what the deceleration takes
 _Why = Literal["operator", "watchdog", "IMU"]
@@ -99,8 +94,6 @@ class BenchRun:
         The sensor's name, the sensor, the names of the table's axes.
     time : float
         The run's, s.
-    state : TableState or None
-        As last read.
     sequencer : Sequencer
     tasks : tuple of Task
     account : Account
@@ -130,7 +123,6 @@ class BenchRun:
         self.tasks = tasks(bench, run.table_steps)
         self.sequencer = Sequencer(self.tasks, bench.limits_of_axes, journal.done(), bench.names)
         self.name, self.sensor, self.axes = run.sensor.name, run.sensor, bench.names
-        self.state: TableState | None = None
         self.trouble = ""
         self._journal, self._options = journal, options
         self._show: Callable[[BenchRun], None] = show or _blind
@@ -138,8 +130,7 @@ class BenchRun:
         self._paused: dict[_Why, str] = {}
         self._commands: list[Command] = []
         self._asked: SimpleQueue[Literal["pause", "go on", "stop"]] = SimpleQueue()
-        self._unheard, self._shown, self._trip = 0, 0.0, inf
-        self._waits, self._told = True, False
+        self._shown, self._waits = 0.0, True
         self._packets = 0, 0.0
         layout = layout_of_address(addresses.imu)
         carried = {field.role for frame in layout.frames for field in frame.fields}
@@ -154,6 +145,7 @@ class BenchRun:
             self._require_possible()
             patience = _SIMULATED if addresses.clock else _PATIENCE
             self._guard = opened.enter_context(Guard(addresses.table, patience=patience))
+            self._driven = Driven(self._table, self._guard, self._clock.now, self._say)
             # A simulated bench stands still from here on: the port opens between two packets.
             clock, now = self._clock, self._clock.now()
             clock.begin(now)
@@ -165,7 +157,12 @@ class BenchRun:
         self.time, self._next = tick.time, tick.time + self._poll
         self._since = monotonic(), tick.time
         self._over: float | None = None
-        self._rests, self._looked = True, 0.0
+        self._looked = 0.0
+
+    @property
+    def state(self) -> TableState | None:
+        """The table's, as last read."""
+        return self._driven.state
 
     @property
     def speed(self) -> float:
@@ -219,7 +216,7 @@ class BenchRun:
         # A bench that has gone on by itself is not followed tick by tick.
         step = self._poll * (SELDOM if self.sequencer.holding else 1)
         self._next = max(self._next, tick.time) + step
-        self.time, self._rests = tick.time, False
+        self.time = tick.time
         self._guard.beat()
         self._tell_what_is_due()
         fresh = self._read()
@@ -245,30 +242,11 @@ class BenchRun:
 
     def _read(self) -> tuple[float, TableState] | None:
         """Return when the table was read, and its state; None where that failed."""
-        asked = self._clock.now()
         try:
-            state = self._table.read()
-        except (ProtocolError, LinkLost) as error:
-            # One stall of a machine or a network is not the end: the driver connects anew.
-            self._unheard += 1
-            self._say("warning", str(error))
-            if self._unheard == _UNHEARD:
-                self._end(f"the table is gone: {_UNHEARD} readings in a row failed: {error}")
+            return self._driven.read()
+        except LinkLost as error:
+            self._end(str(error))
             return None
-        self._unheard = 0
-        # Clocks are tied by the least that comes later than the table says: of a state that comes
-        # late no more is taken off than of the fastest.
-        answered = self._clock.now()
-        self._trip = min(self._trip, answered - asked)
-        now = answered - self._trip / 2
-        if not isfinite(state.time):
-            state = replace(state, time=now)  # a controller that tells none
-        self.state = state
-        # One that was told to go may not say so yet.
-        self._rests = not self._told and all(
-            abs(axis.rate) < _AT_REST and not axis.moving for axis in state.axes
-        )
-        return now, state
 
     def _watch(self) -> None:
         """Look at what was asked for, at watchdog and IMU: the run pauses, goes on or ends."""
@@ -322,32 +300,18 @@ class BenchRun:
     def _tell_what_is_due(self) -> None:
         """Tell the table what the sequencer has said; it may be paused since."""
         commands, self._commands = self._commands, []
-        self._told = bool(commands)
         if commands:
             self._look_at_guard()  # while it stops the table nothing is commanded
-        if commands and not self._paused and not self.sequencer.over:
-            try:
-                self._tell(commands)
-            except InercalError as error:
-                self._fail(error)
+        try:
+            self._driven.tell([] if self._paused or self.sequencer.over else commands)
+        except InercalError as error:
+            self._fail(error)
 
     def _fail(self, error: InercalError) -> None:
         # It may be the watchdog that stopped the table.
         self._look_at_guard()
         if "watchdog" not in self._paused:
             self._end(str(error))
-
-    def _tell(self, commands: list[Command]) -> None:
-        for command in commands:
-            match command:
-                case Enable():
-                    self._table.enable()
-                case Home():
-                    self._table.home()
-                case Go(axis, angle, rate, acceleration):
-                    self._table.move(self._table.axes[axis], angle, rate, acceleration)
-                case _:
-                    self._table.stop()
 
     def _sections(self) -> None:
         """Keep what began and ended."""
@@ -372,23 +336,15 @@ class BenchRun:
             self._stop(self.sequencer.abort)
 
     def _stop(self, how: Callable[[float], list[Command]]) -> None:
-        """Pause or abort; where the table cannot be told, the watchdog goes on trying."""
-        state = self.state
-        commands = how(self.time if state is None else state.time)
-        off = state is not None and not any(axis.enabled for axis in state.axes)
-        try:
-            # To stop closes the loops of motors: what somebody has switched off stays off.
-            self._tell([] if off and self._rests else commands)
-        except (TableFault, ProtocolError, LinkLost) as error:
-            self._say("alarm", f"{error}; the watchdog is told to stop the table")
-            self._guard.stop()
+        """Pause or abort, `how` the sequencer does."""
+        self._driven.stop(how(self.time if self.state is None else self.state.time))
         self._sections()
 
     def _come_to_rest(self) -> None:
         """See the table come to rest; where it does not, or is gone, the watchdog has it."""
         slowest = max(one.rate / one.acceleration for one in self._bench.limits_of_axes)
         until, after = self.time + slowest + _GRACE, self.time + _AFTER
-        while self.time < until and not (self._rests and self.time > after):
+        while self.time < until and not (self._driven.rests and self.time > after):
             self._tick()
 
     def _work(self) -> None:
@@ -437,26 +393,13 @@ class BenchRun:
 
     def __exit__(self, *_: object) -> None:
         try:
-            if not self._rests:
-                self._leave()
+            if not self._driven.rests:
+                self._clock.close()  # a simulated bench goes on by itself then
+                if (words := self._driven.leave()) is not None:
+                    self.trouble = f"{self.trouble}; {words}" if self.trouble else words
+                    self._say("alarm", words)
         finally:
             self._opened.close()
-
-    def _leave(self) -> None:
-        """Have the watchdog bring the table to rest, where that was not seen."""
-        self._clock.close()  # a simulated bench goes on by itself then
-        self._guard.said()
-        self._guard.stop()
-        until = monotonic() + _LEAVING
-        lines = list[str]()
-        while "at rest" not in lines and self._guard.alive and monotonic() < until:
-            select([], [], [], _LOOKS)
-            lines += self._guard.said()
-        if "at rest" not in lines:
-            self._guard.leave()
-            words = "nobody has seen the table come to rest; the watchdog goes on trying to stop it"
-            self.trouble = f"{self.trouble}; {words}" if self.trouble else words
-            self._say("alarm", "; ".join([words, *lines[-1:]]))
 
 
 def _blind(run: BenchRun) -> None:

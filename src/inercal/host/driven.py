@@ -1,0 +1,136 @@
+"""The table as a run drives it: read, told, stopped, left at rest.
+
+What the host cannot bring about is left to the watchdog (`guard`).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from math import inf, isfinite, radians
+from select import select
+from time import monotonic
+from typing import Literal
+
+from inercal.host.drivers.table import ProtocolError, RotaryTable, TableFault, TableState
+from inercal.host.guard import Guard
+from inercal.host.link import LinkLost
+from inercal.host.sequencer import Command, Enable, Go, Home
+
+_UNHEARD = 5  # readings in a row that may fail
+_AT_REST = radians(0.5)  # rad/s; a PMAC of few counts a turn rounds its rates to almost that
+_LOOKS = 0.05  # s of the wall's between two looks at the watchdog
+_LEAVING = 12.0  # s of the wall's to come to rest in, seen by the watchdog
+
+
+class Driven:
+    """A table, and the watchdog over it.
+
+    Parameters
+    ----------
+    table : RotaryTable
+    guard : Guard
+    now : callable
+        Returns the run's time, s.
+    say : callable
+        Takes "warning" or "alarm", and what an operator should know.
+
+    Attributes
+    ----------
+    state : TableState or None
+        As last read.
+    rests : bool
+        By the last reading no axis moves, and none was told to; True before the first.
+    """
+
+    def __init__(
+        self,
+        table: RotaryTable,
+        guard: Guard,
+        now: Callable[[], float],
+        say: Callable[[Literal["warning", "alarm"], str], None],
+    ):
+        self.state: TableState | None = None
+        self.rests = True
+        self._table, self._guard, self._now, self._say = table, guard, now, say
+        self._told, self._unheard, self._trip = False, 0, inf
+
+    def read(self) -> tuple[float, TableState] | None:
+        """Return when the table was read, s of the run, and its state; None where that failed.
+
+        Raises
+        ------
+        LinkLost
+            It has failed too often in a row.
+        """
+        self.rests = False
+        asked = self._now()
+        try:
+            state = self._table.read()
+        except (ProtocolError, LinkLost) as error:
+            # One stall of a machine or a network is not the end: the driver connects anew.
+            self._unheard += 1
+            self._say("warning", str(error))
+            if self._unheard == _UNHEARD:
+                raise LinkLost(
+                    f"the table is gone: {_UNHEARD} readings in a row failed: {error}"
+                ) from error
+            return None
+        self._unheard = 0
+        # Clocks are tied by the least that comes later than the table says: of a state that comes
+        # late no more is taken off than of the fastest.
+        answered = self._now()
+        self._trip = min(self._trip, answered - asked)
+        time = answered - self._trip / 2
+        if not isfinite(state.time):
+            state = replace(state, time=time)  # a controller that tells none
+        self.state = state
+        # One that was told to go may not say so yet.
+        self.rests = not self._told and all(
+            abs(axis.rate) < _AT_REST and not axis.moving for axis in state.axes
+        )
+        return time, state
+
+    def tell(self, commands: Sequence[Command]) -> None:
+        """Tell the table what to do before it is read next; nothing, maybe.
+
+        Raises
+        ------
+        TableFault, ProtocolError, LinkLost
+            It refuses, or was not reached.
+        """
+        self._told = bool(commands)
+        for command in commands:
+            match command:
+                case Enable():
+                    self._table.enable()
+                case Home():
+                    self._table.home()
+                case Go(axis, angle, rate, acceleration):
+                    self._table.move(self._table.axes[axis], angle, rate, acceleration)
+                case _:
+                    self._table.stop()
+
+    def stop(self, commands: Sequence[Command]) -> None:
+        """Tell the table to stop; where it cannot be told, the watchdog goes on trying."""
+        off = self.state is not None and not any(axis.enabled for axis in self.state.axes)
+        if off and self.rests:
+            return  # to stop closes the loops of motors: what somebody has switched off stays off
+        try:
+            self.tell(commands)
+        except (TableFault, ProtocolError, LinkLost) as error:
+            self._say("alarm", f"{error}; the watchdog is told to stop the table")
+            self._guard.stop()
+
+    def leave(self) -> str | None:
+        """Have the watchdog bring the table to rest; return in words where nobody has seen that."""
+        self._guard.said()
+        self._guard.stop()
+        until = monotonic() + _LEAVING
+        lines = list[str]()
+        while "at rest" not in lines and self._guard.alive and monotonic() < until:
+            select([], [], [], _LOOKS)
+            lines += self._guard.said()
+        if "at rest" in lines:
+            return None
+        self._guard.leave()
+        words = "nobody has seen the table come to rest; the watchdog goes on trying to stop it"
+        return "; ".join([words, *lines[-1:]])
