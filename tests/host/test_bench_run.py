@@ -5,10 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.host.benches import SHORT, Act, Ended, carried_out, made, plan
+from tests.host.benches import SHORT, Act, Ended, Interfered, carried_out, made, plan
 
 from inercal.host.addresses import open_table
 from inercal.host.compile import compiled
+from inercal.host.drivers.table import ProtocolError, TableState
 from inercal.host.log import IMU, frames
 from inercal.host.run import Options
 from inercal.host.simulated import SimulatedBench
@@ -128,6 +129,33 @@ def test_a_table_that_is_gone_ends_the_run_in_words(tmp_path: Path, bench: Simul
     ended = run_with(tmp_path, bench, "y up", "approach", die)
     assert not ended.done
     assert "gone" in ended.run.trouble
+
+
+def test_readings_of_the_table_that_fail_leave_out_what_was_felt_meanwhile(
+    tmp_path: Path, bench: SimulatedBench
+):
+    left = 4
+
+    def spoil(run: Interfered) -> None:
+        read = run._driven._table.read
+
+        def fails() -> TableState:
+            nonlocal left
+            state = read()
+            if left and any(axis.rate > 0.1 for axis in state.axes):
+                left -= 1
+                raise ProtocolError("no whole reply")
+            return state
+
+        run._driven._table.read = fails
+
+    ended = run_with(tmp_path, bench, "z+", "work", spoil)
+    assert ended.done, ended.words
+    assert left == 0
+    tally = ended.run.account.assembly.tally
+    assert abs(tally.no_angle - 5 * 0.05 * 200) <= 2
+    assert f"{tally.no_angle} samples" in ended.words
+    assert ended.words.count("no whole reply") == 4
 
 
 def test_corrupt_bytes_and_lost_packets_are_counted_and_none_of_them_enters(

@@ -92,7 +92,8 @@ def _imu(run: "BenchRun") -> str:
     counts = tally.bytes
     return (
         f"IMU: {counts.packets} packets, {counts.lost} lost, {counts.failed} with a wrong check, "
-        f"{counts.thrown} bytes thrown away; {tally.samples} samples with an angle"
+        f"{counts.thrown} bytes thrown away; {tally.samples} samples with an angle, "
+        f"{tally.no_angle} without"
     )
 
 

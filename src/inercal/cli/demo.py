@@ -19,7 +19,9 @@ def run(
     from inercal.cli.bench_view import viewing
     from inercal.cli.show import as_json, as_table
     from inercal.demonstration import demo
+    from inercal.host.folder import require_free
 
+    require_free(out)
     say = "starting a simulated bench; the first time on a machine all is compiled, about a minute"
     print(say, file=sys.stderr, flush=True)
     with viewing() as show:

@@ -74,7 +74,7 @@ class Account:
         self.said: deque[tuple[str, str]] = deque(maxlen=_KEPT)
         self._journal = journal
         self._worked = 0.0, 0.0
-        self._losses, self._lost_at = (0, 0), 0.0
+        self._losses, self._lost_at = (0, 0, 0), 0.0
         with ExitStack() as opened:
             self._log = opened.enter_context(Log(folder.log))
             self._replay(folder)
@@ -152,17 +152,27 @@ class Account:
             self.say(time, "warning", f"live estimation ends: {error}")
 
     def _tell_losses(self, time: float) -> None:
-        """Say how many packets were lost or false, now and then where there are more."""
-        counts = self.assembly.tally.bytes
-        losses = counts.lost, counts.failed
-        if losses != self._losses and time - self._lost_at >= _SAID_AGAIN:
-            self._losses, self._lost_at = losses, time
+        """Say how much was lost or left out, now and then where there is more."""
+        tally = self.assembly.tally
+        counts = tally.bytes
+        losses = counts.lost, counts.failed, tally.no_angle
+        if losses == self._losses or time - self._lost_at < _SAID_AGAIN:
+            return
+        if losses[:2] != self._losses[:2]:
             self.say(
                 time,
                 "warning",
                 f"so far {counts.lost} packets of {counts.packets + counts.lost} are lost, and "
                 f"{counts.failed} had a wrong check",
             )
+        if tally.no_angle != self._losses[2]:
+            self.say(
+                time,
+                "warning",
+                f"so far {tally.no_angle} samples of {tally.samples + tally.no_angle} are left "
+                "out: the table was read too seldom while it turned",
+            )
+        self._losses, self._lost_at = losses, time
 
     def _event(self, at: float, content: dict[str, object]) -> None:
         self.keep(EVENT, at, json.dumps(content).encode())
