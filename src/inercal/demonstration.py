@@ -25,7 +25,7 @@ from inercal.pipeline import Outcome
 from inercal.pipeline.truth import in_frame_of
 from inercal.runfile import Run, read
 
-# So seldom, 24 minutes pass in 24 s; at 15 °/s² angles between are within some arcseconds.
+# So seldom, 24 minutes pass in 12 to 20 s; at 15 °/s² angles between are within some arcseconds.
 _POLL = 0.05  # s
 _PACKETS = "fixed"
 _RUN_FILE, _PATH = "mimu.toml", "path.csv"

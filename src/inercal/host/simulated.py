@@ -81,6 +81,9 @@ class SimulatedBench:
             imu, *_ = self._address("imu")
             table, *clock = self._address("table")
         except BaseException:
+            # One that looks for another which has failed would not hear that it shall end.
+            for process in self._processes.values():
+                process.kill()
             self.close()
             raise
         motors = ",".join(f"{i + 1}" for i in range(len(self._drawn.bench.axes)))
@@ -177,6 +180,6 @@ class SimulatedBench:
 
 def _keep(process: int, on: set[int]) -> None:
     """Keep all of a process's threads on some processors."""
-    for thread in os.listdir(f"/proc/{process}/task"):
-        with suppress(OSError):  # it may end meanwhile
+    with suppress(OSError):  # a thread may end meanwhile, a system have no such folder
+        for thread in os.listdir(f"/proc/{process}/task"):
             os.sched_setaffinity(int(thread), on)

@@ -1,8 +1,8 @@
 """The table's polls, and its angles between them.
 
 A cubic goes through the four polls about a time, unevenly apart as they are; beside a gap and at
-the first poll a parabola through three, or a line; a line, too, where the table holds and is polled
-more seldom. Across a gap there is nothing, unless the table stood still on both sides.
+the first poll a parabola through three, or a line. Across a gap there is nothing, unless the table
+stood still on both sides, as where it holds and is polled more seldom: there a line.
 """
 # Numba's decorator has no types.
 # pyright: reportUntypedFunctionDecorator=false
@@ -21,7 +21,7 @@ from inercal.host.log import Frame
 from inercal.host.states import polls
 
 Array = NDArray[np.float64]
-# A gap: polls, and s through which a cubic still knows an angle to some 1e-5 rad at 15 °/s².
+# A gap: polls, and s through which a cubic still knows an angle to 2e-5 rad at 15 °/s² (rms).
 _FAR, _LONG = 2.5, 0.1
 SELDOM = 4  # so many times seldomer a table is polled that holds its place
 RESTED = 5.0  # s of a gap through which a table is taken to stand that stood on both sides
@@ -171,9 +171,8 @@ def _between(
         step = x[a + 1] - x[a]
         near = step <= gap
         stood = step <= RESTED and settled[a] and settled[a + 1]
-        if step > SELDOM * gap:
-            for k in range(y.shape[1]):
-                stood = stood and abs(y[a + 1, k] - y[a, k]) <= SAME
+        for k in range(y.shape[1]):
+            stood = stood and abs(y[a + 1, k] - y[a, k]) <= SAME
         there[i] = t >= x[a] and (near or stood)
         first = a - 1 if near and a > 0 and x[a] - x[a - 1] <= gap else a
         last = a + 2 if near and x[a + 2] - x[a + 1] <= gap else a + 1
