@@ -213,9 +213,9 @@ def devices(
     """Say what is connected: serial ports, what an IMU sends, how a table is set. Nothing moves."""
     from dataclasses import asdict
 
-    from inercal.cli.bench_devices import of_imu, of_ports, of_table
     from inercal.cli.show import as_json
     from inercal.host import devices
+    from inercal.host.device_lines import of_imu, of_ports, of_table
 
     found: dict[str, object] = {}
     if not (table or imu):

@@ -1,22 +1,19 @@
-"""What `inercal bench devices` prints, a line at a time."""
+"""What is said of the devices that are connected, a line at a time."""
 
+from collections.abc import Sequence
 from math import degrees, isfinite
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from inercal.host.devices import Imu, Port, Table
+from inercal.host.devices import Imu, Port, Table
 
 
-def of_ports(ports: "Sequence[Port]") -> list[str]:
+def of_ports(ports: Sequence[Port]) -> list[str]:
     """Return lines about the serial ports there are."""
     if not ports:
         return ["no serial port; ask a table or an IMU by its address: --table, --imu"]
     return [f"{port.address}  {port.what}" for port in ports]
 
 
-def of_imu(imu: "Imu") -> list[str]:
+def of_imu(imu: Imu) -> list[str]:
     """Return lines about what an IMU sends."""
     lines = [f"{imu.address}: {imu.size} bytes in {imu.seconds:.1f} s"]
     if not imu.size:
@@ -37,7 +34,7 @@ def of_imu(imu: "Imu") -> list[str]:
     ]
 
 
-def of_table(table: "Table") -> list[str]:
+def of_table(table: Table) -> list[str]:
     """Return lines about a table."""
     state = table.state
     lines = [f"{table.address}: {table.identity or 'does not say what it is'}"]
