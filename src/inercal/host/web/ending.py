@@ -51,7 +51,7 @@ def finished(
 
 
 def _entered(order: Order, made: Folder, journal: Journal) -> str | None:
-    """Put the run into the register; return where its sensor's history is.
+    """Put the run into the register; return where its sensor's history is, if it has one.
 
     What fails here the server does when it is started next: no run is lost.
     """
@@ -59,11 +59,10 @@ def _entered(order: Order, made: Folder, journal: Journal) -> str | None:
     from inercal.store import Register
 
     try:
-        with Register(order.register) as register:
+        with Register(order.register, order.by or None) as register:
             enter(register, made.path)
-            numbers = {one.name: one.id for one in register.sensors()}
+            sensor = register.sensor(made.run.sensor.name)
     except InercalError as error:
         journal.event("warning", f"not yet entered in the register: {error}")
         return None
-    number = numbers.get(made.run.sensor.name)
-    return None if number is None else f"/history/{number}"
+    return f"/history/{sensor.id}" if sensor.calibrations else None
