@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from inercal.cli import bench_serve
+
 if TYPE_CHECKING:
     from inercal.benches import Turntable
     from inercal.host.folder import Folder
@@ -17,6 +19,7 @@ NAME = "bench"
 app = typer.Typer(
     help="Drive a three-axis table, read an IMU, calibrate live.", no_args_is_help=True
 )
+app.command()(bench_serve.serve)
 
 _RunFile = Annotated[Path, typer.Argument(help="The run file (TOML): sensor, bench, data, method.")]
 _Clock = Annotated[str, typer.Option(help="Of a simulated bench, as `simulate` says it.")]

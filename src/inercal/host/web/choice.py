@@ -5,12 +5,13 @@ that somebody writes is one of the network, and its packets are of a preset.
 """
 
 import re
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from collections.abc import Iterable
+from typing import NamedTuple
 
 from inercal.errors import InputError
 from inercal.host.devices import Port, ports
 from inercal.host.packets import PRESETS
+from inercal.host.web.asked import Asked, as_object
 
 SIMULATED, GIVEN = "simulated", "given"
 _HOST = r"(?:[a-z0-9_.-]{1,253}|\[[0-9a-f:.]{2,45}\]):[0-9]{1,5}"
@@ -70,8 +71,7 @@ class Choice:
         """
         simulated = [_is_simulated(one) for one in (table, imu)]
         if all(simulated):
-            assert isinstance(imu, Mapping)
-            return Chosen("", "", "", _preset(imu) or "fixed")
+            return Chosen("", "", "", _preset(_mapping(imu, "IMU")) or "fixed")
         if any(simulated):
             raise InputError("a simulated table and a simulated IMU go together")
         clock = self._clock if _asks(table, "id") == _asks(imu, "id") == GIVEN else ""
@@ -118,7 +118,7 @@ class Choice:
             return link
         return f"{link}{'&' if '?' in link else '?'}preset={preset}"
 
-    def _port(self, of: Mapping[str, Any], what: str) -> Port:
+    def _port(self, of: Asked, what: str) -> Port:
         name = of.get("id")
         port = self._ports.get(name) if isinstance(name, str) else None
         if port is None:
@@ -126,7 +126,7 @@ class Choice:
         return port
 
 
-def _shown(given: str, others: Any) -> list[dict[str, str]]:
+def _shown(given: str, others: Iterable[tuple[str, str]]) -> list[dict[str, str]]:
     made = [{"id": SIMULATED, "what": "simulated bench"}]
     if given:
         made.append({"id": GIVEN, "what": given})
@@ -137,14 +137,15 @@ def _words(port: Port) -> str:
     return f"{port.address} ({port.what})" if port.what else port.address
 
 
-def _mapping(asked: object, what: str) -> Mapping[str, Any]:
-    if not isinstance(asked, Mapping):
+def _mapping(asked: object, what: str) -> Asked:
+    made = as_object(asked)
+    if made is None:
         raise InputError(f"choose a {what}")
-    return asked
+    return made
 
 
 def _asks(asked: object, key: str) -> str | None:
-    value = asked.get(key) if isinstance(asked, Mapping) else None
+    value = (as_object(asked) or {}).get(key)
     if value is not None and not (isinstance(value, str) and len(value) <= _LONGEST):
         raise InputError(f"{key}: no text of up to {_LONGEST} characters")
     return value
@@ -154,7 +155,7 @@ def _is_simulated(asked: object) -> bool:
     return _asks(asked, "address") is None and _asks(asked, "id") == SIMULATED
 
 
-def _preset(of: Mapping[str, Any]) -> str | None:
+def _preset(of: Asked) -> str | None:
     name = _asks(of, "preset")
     if not name:
         return None
@@ -163,7 +164,7 @@ def _preset(of: Mapping[str, Any]) -> str | None:
     return name
 
 
-def _baud(of: Mapping[str, Any], usual: int) -> int:
+def _baud(of: Asked, usual: int) -> int:
     value = of.get("baud", usual)
     low, high = _BAUDS
     if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:

@@ -6,7 +6,7 @@ second of the wall's no page can draw.
 
 from collections import deque
 from collections.abc import Sequence
-from math import ceil
+from math import ceil, nan
 from time import monotonic
 
 import numpy as np
@@ -49,7 +49,7 @@ class Teller:
         self._angles: Array | None = None
         self._left: tuple[Array, Array] | None = None  # samples that make no whole mean yet
         self._sampled = self._estimated = monotonic()
-        self._estimates_of = float("nan")
+        self._estimates_of: float = nan
         self._innovations: deque[tuple[float, dict[str, tuple[float, int]]]] = deque()
 
     def __call__(self, run: BenchRun) -> None:
