@@ -83,7 +83,7 @@ class Page:
         """Return one of the page's files."""
         found = self._files.get(request.path_params["name"])
         if found is None:
-            return self._unknown(request)
+            return await self.unknown(request)
         return Response(found[0], media_type=found[1])
 
     async def setup(self, request: Request) -> Response:
@@ -120,7 +120,7 @@ class Page:
         what = request.path_params["what"]
         kinds = {"report": "report.html", "calibration": "calibration.json"}
         if run is None or what not in kinds:
-            return self._unknown(request)
+            return await self.unknown(request)
         try:
             content = await asyncio.to_thread(run.made(kinds[what]).read_bytes)
         except OSError:
@@ -136,6 +136,12 @@ class Page:
         except InercalError as error:
             return PlainTextResponse(f"{error}\n", 404)
         return HTMLResponse(content, headers={"content-security-policy": _ALONE})
+
+    async def unknown(self, request: Request, error: Exception | None = None) -> Response:
+        """Refuse what there is not."""
+        who = request.client.host if request.client else "somebody"
+        self._refused(who, f"{request.method} {request.scope['path']}: there is no such thing")
+        return PlainTextResponse("there is no such thing here\n", 404)
 
     async def live(self, websocket: WebSocket) -> None:
         """Tell somebody of the run, and do what they ask."""
@@ -216,16 +222,12 @@ class Page:
         with Register(self._register) as register:
             return page(register.history(sensor))
 
-    def _unknown(self, request: Request) -> Response:
-        who = request.client.host if request.client else "somebody"
-        self._refused(who, f"{request.method} {request.url.path}: there is no such thing")
-        return PlainTextResponse("there is no such thing here\n", 404)
-
 
 def application(hub: Hub, register: str | None, access: Access, refused: Refused) -> Gate:
     """Return the page as an ASGI application, behind its gate."""
     page = Page(hub, register, refused)
-    return Gate(Starlette(routes=page.routes()), access, refused)
+    app = Starlette(routes=page.routes(), exception_handlers={404: page.unknown})
+    return Gate(app, access, refused)
 
 
 async def _send(websocket: WebSocket, viewer: Viewer) -> None:
