@@ -10,10 +10,12 @@ from inercal.cli import bench_serve
 
 if TYPE_CHECKING:
     from inercal.benches import Turntable
+    from inercal.host.entering import Keeper
     from inercal.host.folder import Folder
     from inercal.host.journal import Journal
     from inercal.host.live import Live
     from inercal.host.run import Options
+    from inercal.store import Register
 
 NAME = "bench"
 app = typer.Typer(
@@ -31,6 +33,10 @@ _Within = Annotated[
     str, typer.Option("--temperature", help="°C that the IMU must stay within, as 15:40.")
 ]
 _Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]
+_Register = Annotated[
+    str | None,
+    typer.Option(help="Enter the run in the register there, or in the 'default' one."),
+]
 _TABLE = "pmac://HOST:1025?motors=1,2,3&counts=3600000, acutrol://…?axes=1,2,3 or motor:serial:…"
 _IMU = "serial:/dev/ttyUSB0?preset=xsens&baud=921600 or tcp://HOST:PORT?preset=…"
 
@@ -47,6 +53,7 @@ def run(
     speed: _Speed = None,
     patience: _Patience = 120.0,
     temperature: _Within = "",
+    register: _Register = None,
     json: _Json = False,
 ) -> None:
     """Carry out the plan of a run file, and calibrate from what it leaves."""
@@ -58,11 +65,12 @@ def run(
 
     options = _options(speed, patience, temperature)
     plan = read(run_file)
+    kept = _opened(register)
     folder = out or Path(f"{run_file.stem}-{datetime.now():%Y%m%d-%H%M%S}")
     made, journal = begin(folder, plan, (table, imu, clock))
     with journal:
         try:
-            _go(made, journal, options, json)
+            _go(made, journal, options, json, kept)
         except InercalError:
             # Of devices that were not there nothing is left, and the folder's name is free again.
             if not (made.log.exists() and made.log.stat().st_size):
@@ -79,28 +87,51 @@ def resume(
     speed: _Speed = None,
     patience: _Patience = 120.0,
     temperature: _Within = "",
+    register: _Register = None,
     json: _Json = False,
 ) -> None:
     """Go on with a run that was interrupted: the step that was in hand is repeated whole."""
     from inercal.host.folder import resumed
 
     options = _options(speed, patience, temperature)
+    kept = _opened(register)
     made, journal = resumed(folder, (table, imu, clock))
     with journal:
-        _go(made, journal, options, json)
+        _go(made, journal, options, json, kept)
 
 
-def _go(folder: "Folder", journal: "Journal", options: "Options", json: bool) -> None:
-    """Carry out what is left of a run, and finish it."""
+def _opened(address: str | None) -> "Register | None":
+    """Open the register that is asked for: one that is not there is said before anything moves."""
+    if address is None:
+        return None
+    from inercal.store import Register
+
+    return Register(address)
+
+
+def _go(
+    folder: "Folder",
+    journal: "Journal",
+    options: "Options",
+    json: bool,
+    register: "Register | None",
+) -> None:
+    """Carry out what is left of a run, and finish it; a register is told of it, if there is one."""
     from inercal.calibration.files import as_object
     from inercal.cli.show import as_json, as_table, working
+    from inercal.host.entering import Keeper
     from inercal.host.finish import finish
 
+    keeper = Keeper(register, folder.path)
     live = None
     if journal.header().state != "carried out":
-        live = _carried_out(folder, journal, options)
-    with working(f"calibrating {folder.run.sensor.name} from {folder.run.data.file}"):
-        outcome, files = finish(folder, journal, live)
+        live = _carried_out(folder, journal, options, keeper)
+    sensor = folder.run.sensor.name
+    try:
+        with working(f"calibrating {sensor} from {folder.run.data.file}"):
+            outcome, files = finish(folder, journal, live, lambda: keeper.history(sensor))
+    finally:
+        _enter(keeper)
     if json:
         as_json(as_object(outcome.calibration) | files)
         return
@@ -109,7 +140,16 @@ def _go(folder: "Folder", journal: "Journal", options: "Options", json: bool) ->
         print(f"wrote {path}")
 
 
-def _carried_out(folder: "Folder", journal: "Journal", options: "Options") -> "Live | None":
+def _enter(keeper: "Keeper") -> None:
+    """Enter a run as it is now; what fails is said, and how to do it later."""
+    keeper.enter()
+    if keeper.trouble:
+        print(f"inercal: {keeper.trouble}", file=sys.stderr)
+
+
+def _carried_out(
+    folder: "Folder", journal: "Journal", options: "Options", keeper: "Keeper"
+) -> "Live | None":
     """Have the plan carried out; return what was found while it was."""
     from inercal.cli.bench_keys import keys
     from inercal.cli.bench_view import viewing
@@ -126,9 +166,11 @@ def _carried_out(folder: "Folder", journal: "Journal", options: "Options") -> "L
         viewing() as show,
         BenchRun(folder, journal, addresses, options, show) as bench,
         keys(bench),
+        keeper.meanwhile(),
     ):
         done = bench.carry_out()
     if not done:
+        _enter(keeper)
         print(f"inercal: interrupted: {bench.trouble}", file=sys.stderr)
         print(f"go on by: inercal bench resume {folder.path}", file=sys.stderr)
         raise typer.Exit(1)

@@ -1,7 +1,10 @@
 """A run's folder into the register: the folder is the truth, the register what is kept of it."""
 
+from collections.abc import Generator
+from contextlib import contextmanager
 from hashlib import sha256
 from pathlib import Path
+from threading import Thread
 
 from inercal.errors import InercalError, InputError
 from inercal.host.folder import JOURNAL, LOG, Folder
@@ -108,6 +111,16 @@ class Keeper:
                 f"the run is not in the register: {error}; enter it later by "
                 f"`inercal store import {self._folder}`"
             )
+
+    @contextmanager
+    def meanwhile(self) -> Generator[None]:
+        """Enter the run beside what is done: a watchdog waits for no server."""
+        thread = Thread(target=self.enter, daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            thread.join()
 
     def history(self, sensor: str) -> History | None:
         """Enter the run as it is now; return its sensor's history, None where there is none."""

@@ -16,6 +16,7 @@ from inercal.store.entries import RunFacts
 from inercal.store.tables import bench, calibration, coefficient, file, run, sensor
 
 _DONE = "done"
+_MEASURED = {"f": "specific force", "w": "angular rate"}
 
 
 @dataclass(frozen=True)
@@ -45,11 +46,12 @@ def enter_sensor(db: Connection, entered: Sensor, who: Who) -> int:
         values = {"name": entered.name, "axes": _listed(axes)}
         return _new(db, sensor, values, who)
     known = {axis["name"]: axis["measures"] for axis in json.loads(found.axes)}
-    for name in axes.keys() & known.keys():
-        if axes[name] != known[name]:
+    for name, measures in axes.items():
+        if known.get(name, measures) != measures:
             raise InputError(
-                f"sensor {entered.name}: axis {name} measures {axes[name]}, that of this name in "
-                f"the register {known[name]}: it is another sensor, give it another name"
+                f"sensor {entered.name}: axis {name} measures {_MEASURED[measures]}, that of this "
+                f"name in the register {_MEASURED[known[name]]}: it is another sensor, give it "
+                "another name"
             )
     if axes.keys() - known.keys():
         values = {"axes": _listed(known | axes)}

@@ -1,8 +1,8 @@
 """The calibrations of a sensor over time, coefficient by coefficient."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from datetime import datetime
+from dataclasses import dataclass, replace
+from datetime import datetime, timedelta
 from functools import cached_property
 from itertools import pairwise
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from inercal.calibration import Calibration
 from inercal.errors import InputError
+from inercal.sensors.choose import choose
 from inercal.store import changes
 from inercal.store.comparable import brought, held
 from inercal.store.comparison import compared
@@ -32,7 +33,7 @@ class Course:
         As printed.
     si : float
         One such unit, in SI.
-    points : (n,) array of int
+    points : tuple of int
         Which of the history's calibrations have it.
     time : (n,) array
         Years since the first of the history's calibrations.
@@ -44,7 +45,7 @@ class Course:
     meaning: str
     unit: str
     si: float
-    points: NDArray[np.int64]
+    points: tuple[int, ...]
     time: Array
     values: Array
     std: Array
@@ -110,6 +111,34 @@ class History:
         there = ", ".join(one.name for one in self.courses)
         raise InputError(f"no coefficient {name!r} in this history; it has {there}")
 
+    def chosen(self, words: Sequence[str]) -> "History":
+        """Return the history of coefficients chosen by name, group or axis; of none, all.
+
+        Raises
+        ------
+        InputError
+            A word names none of them.
+        """
+        if not words:
+            return self
+        axes = self.entries[-1].calibration.sensor.axes
+        names = choose(axes, words)
+        courses = tuple(one for one in self.courses if one.name in names)
+        if not courses:
+            there = ", ".join(one.name for one in self.courses)
+            raise InputError(f"{', '.join(words)}: not in this history; it has {there}")
+        return replace(self, courses=courses)
+
+    def date(self, years: float) -> str:
+        """Return the time that lies so many years after the first calibration, ISO 8601."""
+        first = datetime.fromisoformat(self.entries[0].measured)
+        return (first + timedelta(seconds=years * changes.YEAR)).isoformat(timespec="seconds")
+
+    @property
+    def by_chance(self) -> float:
+        """How many E_n would exceed 1 by chance where nothing changes."""
+        return changes.BY_CHANCE * self.steps
+
     @property
     def steps(self) -> int:
         """How many E_n there are."""
@@ -174,7 +203,7 @@ def _course(name: str, newest: Calibration, found: Sequence[Calibration], years:
         line.meaning,
         line.unit,
         line.si,
-        np.array(points, dtype=np.int64),
+        tuple(points),
         years[points],
         np.array([found[k].value(name) for k in points]),
         np.array([found[k].uncertainty(name) for k in points]),

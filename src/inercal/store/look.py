@@ -21,9 +21,8 @@ def sensors(db: Connection, *where: ColumnElement[bool]) -> tuple[SensorEntry, .
         .outerjoin(calibration, calibration.c.sensor_id == sensor.c.id)
         .where(*where)
         .group_by(sensor.c.id)
-        .order_by(sensor.c.name, sensor.c.id)
     )
-    return tuple(
+    found = (
         SensorEntry(
             row.id,
             row.name,
@@ -35,6 +34,8 @@ def sensors(db: Connection, *where: ColumnElement[bool]) -> tuple[SensorEntry, .
         )
         for row in db.execute(query)
     )
+    # Servers have orders of their own for texts.
+    return tuple(sorted(found, key=lambda one: one.name))
 
 
 def sensor_of(db: Connection, key: int | str) -> SensorEntry:
