@@ -6,10 +6,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from inercal.cli import bench_serve
+from inercal.cli import bench_devices, bench_serve
 
 if TYPE_CHECKING:
-    from inercal.benches import Turntable
     from inercal.host.entering import Keeper
     from inercal.host.folder import Folder
     from inercal.host.journal import Journal
@@ -21,7 +20,6 @@ NAME = "bench"
 app = typer.Typer(
     help="Drive a three-axis table, read an IMU, calibrate live.", no_args_is_help=True
 )
-app.command()(bench_serve.serve)
 
 _RunFile = Annotated[Path, typer.Argument(help="The run file (TOML): sensor, bench, data, method.")]
 _Clock = Annotated[str, typer.Option(help="Of a simulated bench, as `simulate` says it.")]
@@ -244,67 +242,5 @@ def _number(option: str, text: str) -> float:
     return value
 
 
-@app.command()
-def devices(
-    table: Annotated[str, typer.Option(help=f"Ask a table: {_TABLE}")] = "",
-    imu: Annotated[
-        str, typer.Option(help="Listen to an IMU for a second; without preset= all are tried.")
-    ] = "",
-    run_file: Annotated[
-        Path | None, typer.Option("--run", "-r", help="Run file whose bench names the axes.")
-    ] = None,
-    json: _Json = False,
-) -> None:
-    """Say what is connected: serial ports, what an IMU sends, how a table is set. Nothing moves."""
-    from dataclasses import asdict
-
-    from inercal.cli.show import as_json
-    from inercal.host import devices
-    from inercal.host.device_lines import of_imu, of_ports, of_table
-
-    found: dict[str, object] = {}
-    if not (table or imu):
-        ports = devices.ports()
-        found["ports"] = [asdict(port) for port in ports]
-        lines = of_ports(ports)
-    else:
-        lines = []
-    if table:
-        seen = devices.table(table, _bench(run_file))
-        found["table"] = asdict(seen)
-        lines += of_table(seen)
-    if imu:
-        heard = devices.imu(imu)
-        found["imu"] = {
-            "address": heard.address,
-            "bytes": heard.size,
-            "seconds": heard.seconds,
-            "packets": [
-                {
-                    "preset": one.layout.name,
-                    "protection": one.layout.protection,
-                    "taken": one.taken,
-                    "rate_hz": one.rate_hz,
-                }
-                for one in heard.senders
-            ],
-        }
-        lines += of_imu(heard)
-    if json:
-        as_json(found)
-        return
-    for line in lines:
-        print(line)
-
-
-def _bench(run_file: Path | None) -> "Turntable | None":
-    from inercal.benches import Turntable
-    from inercal.errors import InputError
-    from inercal.runfile import read
-
-    if run_file is None:
-        return None
-    bench = read(run_file).bench
-    if not isinstance(bench, Turntable):
-        raise InputError(f"{run_file}: [bench] kind: a bench run takes a turntable")
-    return bench
+for verb in (bench_devices.devices, bench_serve.serve):
+    app.command()(verb)

@@ -12,11 +12,12 @@ from inercal.benches.turntable import Turntable
 from inercal.errors import InputError
 from inercal.host.addresses import layout_of_address
 from inercal.host.compile import compiled
-from inercal.host.folder import JOURNAL, Folder, begin, require_free, resumed
+from inercal.host.folder import JOURNAL, Folder, begin, resumed
 from inercal.host.journal import Journal
 from inercal.host.run import Addresses, BenchRun, Options
-from inercal.host.web import ending, pictures, simulating
+from inercal.host.web import pictures, simulating
 from inercal.host.web.control import Control
+from inercal.host.web.ending import Ending
 from inercal.host.web.order import NOTE, Order, note, renamed
 from inercal.host.web.publish import Publisher
 from inercal.host.web.teller import EVERY, Teller
@@ -57,22 +58,30 @@ class Carrying:
             with self._kept_if_it_was(made):
                 opened.callback(os.close, note(made.path, preset))
                 journal.event("info", self._words(preset))
+                ending = Ending(self._order, made, journal)
                 teller = Teller(self._publisher, made.run, run.bench, journal)
-                live = None
-                if journal.header().state != "carried out":
-                    going = self._driven(made, journal, teller)
-                    if going.trouble or going.sequencer.phase != "done":
-                        return ending.interrupted(self._order, made, journal, teller, going)
-                    live = going.account.live
-            self._control.interruptible = False
-            self._phase("finishing: recording, calibration, report")
-            return ending.finished(self._order, made, journal, teller, live)
+                told = self._to_its_end(made, journal, teller, ending)
+                teller.events()
+                return told
+
+    def _to_its_end(
+        self, made: Folder, journal: Journal, teller: Teller, ending: Ending
+    ) -> Mapping[str, Any]:
+        """Have done what is left of a run; return what is told of its end."""
+        live = None
+        if journal.header().state != "carried out":
+            going, done = self._driven(made, journal, teller, ending)
+            if not done:
+                return ending.interrupted(going.trouble)
+            live = going.account.live
+        self._control.interruptible = False
+        self._phase("finishing: recording, calibration, report")
+        return ending.finished(live)
 
     def _planned(self) -> Run:
         """Return the run file that is wanted, and tell what is in it."""
         order = self._order
         if order.plan is not None:
-            require_free(self._folder)
             run = read(order.plan)
         else:
             with Journal(self._folder / JOURNAL) as journal:
@@ -119,8 +128,10 @@ class Carrying:
                 made.discard()
             raise
 
-    def _driven(self, made: Folder, journal: Journal, teller: Teller) -> BenchRun:
-        """Have the plan carried out, or what is left of it."""
+    def _driven(
+        self, made: Folder, journal: Journal, teller: Teller, ending: Ending
+    ) -> tuple[BenchRun, bool]:
+        """Have the plan carried out, or what is left of it; tell whether all is done."""
         was = journal.header()
         if not self._compiled:
             self._phase("compiling what a run needs, once on each machine")
@@ -135,10 +146,10 @@ class Carrying:
         addresses, options = Addresses(*was.addresses), Options(self._order.speed)
         with BenchRun(made, journal, addresses, options, show, EVERY) as going:
             self._control.attach(going)
-            with self._beside:
-                going.carry_out()
+            with self._beside, ending.keeper.meanwhile():
+                done = going.carry_out()
         teller.events()
-        return going
+        return going, done
 
     def _phase(self, words: str) -> None:
         self._publisher.tell("phase", run=self._order.name, words=words)
