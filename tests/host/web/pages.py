@@ -52,14 +52,14 @@ class Page:
         self.heard.append(json.loads(self.connection.recv(PATIENCE)))
         return self.heard[-1]
 
-    def until(self, kind: str, **content: object) -> dict[str, Any]:
+    def until(self, kind: str, patience: float = PATIENCE, **content: object) -> dict[str, Any]:
         """Return the next message of a kind that says that."""
-        end = monotonic() + PATIENCE
+        end = monotonic() + patience
         while monotonic() < end:
             message = self.next()
             if message["kind"] == kind and content.items() <= message.items():
                 return message
-        raise AssertionError(f"no {kind} {content} within {PATIENCE} s; heard {self.heard[-5:]}")
+        raise AssertionError(f"no {kind} {content} within {patience} s; heard {self.heard[-5:]}")
 
     def operate(self, name: str = "Ada") -> None:
         """Become operator."""
@@ -88,6 +88,31 @@ class Page:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def opened(
+    port: int,
+    origin: str | None = "own",
+    host: str | None = None,
+    cookies: Mapping[str, str] | None = None,
+    *,
+    slow: bool = False,
+) -> Page:
+    """Open a page of the server at a port; see `Served.page`."""
+    host = host or f"127.0.0.1:{port}"
+    headers = {"Cookie": "; ".join(f"{k}={v}" for k, v in cookies.items())} if cookies else {}
+    return Page(
+        connect(
+            f"ws://{host}/live",
+            origin=f"http://{host}" if origin == "own" else origin,  # pyright: ignore[reportArgumentType]
+            additional_headers=headers,
+            sock=socket.create_connection(("127.0.0.1", port), PATIENCE),
+            max_size=None,
+            max_queue=4 if slow else None,
+            close_timeout=0.2 if slow else PATIENCE,
+            proxy=None,
+        )
+    )
 
 
 def unharmed(page: Page) -> None:
@@ -137,21 +162,7 @@ class Served(AbstractContextManager["Served"]):
         slow: bool = False,
     ) -> Page:
         """Open a page; a slow one takes from its connection only what it is asked for."""
-        headers = {"Cookie": "; ".join(f"{k}={v}" for k, v in cookies.items())} if cookies else {}
-        own = f"http://{host or self.host}"
-        uri = f"ws://{host or self.host}/live"
-        return Page(
-            connect(
-                uri,
-                origin=own if origin == "own" else origin,  # pyright: ignore[reportArgumentType]
-                additional_headers=headers,
-                sock=socket.create_connection(("127.0.0.1", self.port), PATIENCE),
-                max_size=None,
-                max_queue=4 if slow else None,
-                close_timeout=0.2 if slow else PATIENCE,
-                proxy=None,
-            )
-        )
+        return opened(self.port, origin, host, cookies, slow=slow)
 
     def ask(
         self,

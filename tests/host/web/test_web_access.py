@@ -26,6 +26,13 @@ def test_what_another_site_posts_is_refused(served: Served, watched: Page):
     served.was_refused("'http://evil.example': not this page")
 
 
+@pytest.mark.parametrize("site", ["cross-site", "same-site"])
+def test_what_a_page_from_elsewhere_has_the_browser_fetch_is_refused(served: Served, site: str):
+    for path in ("/api/setup", "/static/page.js", "/runs/x/report"):
+        assert served.ask(path, headers={"Sec-Fetch-Site": site}).status == 403
+    assert served.ask("/", headers={"Sec-Fetch-Site": site}).status == 200  # a link to the page
+
+
 def test_a_name_that_was_made_to_lead_here_is_refused(served: Served, watched: Page):
     host = f"evil.example:{served.port}"
     for path in ("/", "/api/setup", "/static/page.js"):

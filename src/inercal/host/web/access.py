@@ -69,6 +69,11 @@ class Access:
         host, origin = headers.get("host", "").lower(), headers.get("origin", "").lower()
         return bool(host) and origin in (f"http://{host}", f"https://{host}")
 
+    @staticmethod
+    def is_foreign(headers: Mapping[str, str]) -> bool:
+        """Tell whether a browser says that the request is of a page from elsewhere."""
+        return headers.get("sec-fetch-site", "none") not in ("same-origin", "none")
+
     def is_known(self, headers: Mapping[str, str]) -> bool:
         """Tell whether a browser has shown the token before, or need not."""
         shown = cookie(headers, SESSION)

@@ -58,7 +58,7 @@ class Page:
         self._hub, self._register, self._refused = hub, register, refused
         self._version = version("inercal")
         self._files = dict(_static(files("inercal.host.web").joinpath("static")))
-        self._looking = asyncio.Lock()
+        self._looking, self._probing = asyncio.Lock(), asyncio.Lock()
 
     def routes(self) -> list[Route | WebSocketRoute]:
         """Return what is served."""
@@ -90,8 +90,7 @@ class Page:
         """Return what there is to choose from."""
         async with self._looking:
             content = await asyncio.to_thread(self._setup)
-        going = self._hub.going
-        return JSONResponse(content | {"going": None if going is None else going.order.name})
+        return JSONResponse(content | {"going": self._hub.goes_on})
 
     async def probe(self, request: Request) -> Response:
         """Ask the devices, for the operator."""
@@ -104,9 +103,9 @@ class Page:
         except ValueError:
             self._refused(who, "probe: no JSON object")
             return JSONResponse({"words": "send a JSON object"}, 400)
-        if self._hub.going is not None or self._looking.locked():
+        if self._hub.going is not None or self._probing.locked():
             return JSONResponse({"words": "the devices are in use"}, 409)
-        async with self._looking:
+        async with self._probing:
             plans = await asyncio.to_thread(self._hub.plans.all)
             name = asked.get("plan")
             plan = plans.get(name) if isinstance(name, str) else None

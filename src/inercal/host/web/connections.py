@@ -8,7 +8,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from inercal.host.web.refused import Refused
 
-MOST = 96  # connections, those of viewers with them
+MOST = 256  # connections, those of viewers with them
 _SILENT, _LONGEST = 10.0, 120.0  # s without a request, and for one with its answer
 
 

@@ -100,6 +100,8 @@ class Gate:
             return 405, f"no {scope['method']} here"
         if scope["method"] == "POST" and not self._access.is_own(headers):
             return 403, f"origin {headers.get('origin', '')!r}: not this page"
+        if scope["path"] != "/" and self._access.is_foreign(headers):
+            return 403, "asked for by a page from elsewhere"
         return None
 
     def _at_the_door(self, scope: Scope, headers: Headers, body: bytes) -> Response | None:

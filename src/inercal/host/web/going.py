@@ -15,7 +15,6 @@ from subprocess import PIPE, Popen
 from inercal.host.web.order import Order
 
 _LONGEST = 1 << 20  # bytes of a message
-_ENDING = 30.0  # s between the last message and the end
 
 
 class Going:

@@ -20,6 +20,7 @@ from inercal.host.web.plans import Plans
 from inercal.host.web.runs import Runs, RunThere
 
 _NAME = 80  # characters of a sensor's name
+_ENDING = 15.0  # s that a process may take to end that has told its end
 _COMMANDS = ("pause", "go on", "abort")
 _OF_OPERATOR = (*_COMMANDS, "start", "resume", "put away")
 POSSIBLE = ("operate", "leave", "stop", *_OF_OPERATOR)
@@ -54,8 +55,14 @@ class Hub:
         self.people = People()
         self._register, self._speed, self._start = register, speed, start
         self.going: Going | None = None
+        self._has_told_its_end = False
         self._kept: Kept | None = None
         self._relaying: asyncio.Task[None] | None = None
+
+    @property
+    def goes_on(self) -> str | None:
+        """The run that goes on; one that has told its end does not, though its process may."""
+        return None if self.going is None or self._has_told_its_end else self.going.order.name
 
     def come(self, version: str, browser: str | None) -> Viewer:
         """Take a viewer in, and tell what there is to tell."""
@@ -102,11 +109,11 @@ class Hub:
             case "resume":
                 await self._resume(asked)
             case "put away":
-                if self.going is not None:
+                if self.goes_on is not None:
                     raise InputError("the run goes on")
                 self._put_away()
             case _:
-                if self.going is None or not self.going.tell(what):
+                if self.goes_on is None or self.going is None or not self.going.tell(what):
                     raise InputError("no run goes on")
 
     def stop(self, name: object = None) -> None:
@@ -127,17 +134,16 @@ class Hub:
         with suppress(ProcessLookupError):
             os.kill(was.process, signal.SIGINT)
 
-    async def over(self) -> None:
-        """Return when no run goes on any more."""
+    async def over(self, patience: float | None = None) -> None:
+        """Return when no run goes on any more, or after `patience` s."""
         if self._relaying is not None:
-            await asyncio.wait([self._relaying])
+            await asyncio.wait([self._relaying], timeout=patience)
 
     async def _begin(self, asked: Asked) -> None:
         """Begin a run as asked."""
         chosen = self.choice.chosen(asked.get("table"), asked.get("imu"))
         plans = await asyncio.to_thread(self.plans.all)
-        runs = await asyncio.to_thread(self.runs.all)
-        self._require_idle(runs)
+        await self._require_idle()
         name = asked.get("plan")
         plan = plans.get(name) if isinstance(name, str) else None
         if plan is None:
@@ -148,8 +154,7 @@ class Hub:
 
     async def _resume(self, asked: Asked) -> None:
         """Go on with an interrupted run as asked."""
-        runs = await asyncio.to_thread(self.runs.all)
-        self._require_idle(runs)
+        runs = await self._require_idle()
         name = asked.get("run")
         run = runs.get(name) if isinstance(name, str) else None
         if run is None or run.state not in ("interrupted", "carried out"):
@@ -159,11 +164,16 @@ class Hub:
         chosen = Chosen("", "") if as_before else self.choice.chosen(table, imu)
         self._go(self._order(run.path, chosen, asked, None))
 
-    def _require_idle(self, runs: Mapping[str, RunThere]) -> None:
-        going = next((name for name, one in runs.items() if one.state == "running"), None)
-        if self.going is not None or going is not None:
-            words = "" if self.going is not None else ", without this page: stop it, or wait"
-            raise InputError(f"a run goes on{words}")
+    async def _require_idle(self) -> Mapping[str, RunThere]:
+        """Return the runs there are, none of which goes on."""
+        if self._has_told_its_end:
+            await self.over(_ENDING)
+        runs = await asyncio.to_thread(self.runs.all)
+        if self.going is not None:
+            raise InputError("a run goes on")
+        if name := next((n for n, one in runs.items() if one.state == "running"), None):
+            raise InputError(f"the run {name} goes on, without this page: stop it, or wait")
+        return runs
 
     def _order(self, folder: Path, chosen: Chosen, asked: Asked, plan: Path | None) -> Order:
         sensor = asked.get("sensor") if plan is not None else None
@@ -183,20 +193,19 @@ class Hub:
         )
 
     def _go(self, order: Order) -> None:
-        self._kept = Kept()
+        self._kept, self._has_told_its_end = Kept(), False
         self.going = self._start(order)
         self._relaying = asyncio.create_task(self._relay(self.going, self._kept))
 
     async def _relay(self, going: Going, kept: Kept) -> None:
         """Hand on what a run tells, until it tells no more."""
-        told_its_end = False
         async for kind, text in going.messages():
-            told_its_end |= kind == "done"
+            self._has_told_its_end |= kind == "done"
             kept.keep(kind, text)
             self._tell(kind, text)
         status = await going.ended()
         self.going = None
-        if not told_its_end:
+        if not self._has_told_its_end:
             words = (
                 f"the run's process has ended (status {status}); the watchdog brings the table to "
                 "rest, and the run can be resumed"
