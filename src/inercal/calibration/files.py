@@ -84,30 +84,58 @@ def load(path: str | Path) -> Calibration:
     InputError
         No such file, not JSON, another schema, a broken hash, or fields that do not fit.
     """
-    path = Path(path)
-    content: Any
+    return parse(text_of(path), str(path))
+
+
+def text_of(path: str | Path) -> str:
+    """Return what a calibration file holds, unread.
+
+    Raises
+    ------
+    InputError
+        No such file, or it cannot be read.
+    """
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        return Path(path).read_text(encoding="utf-8")
     except FileNotFoundError:
         raise InputError(f"{path}: no such calibration file") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    except (ValueError, RecursionError):
+    except ValueError:
         raise InputError(f"{path}: not a calibration file: it is no JSON text") from None
+
+
+def parse(text: str, source: str) -> Calibration:
+    """Return the calibration that a file's text is of; `source` names it where it is none.
+
+    Raises
+    ------
+    InputError
+        Not JSON, another schema, a broken hash, or fields that do not fit.
+    """
+    content: Any
+    try:
+        content = json.loads(text)
+    except (ValueError, RecursionError):
+        raise InputError(f"{source}: not a calibration file: it is no JSON text") from None
     fields = cast(dict[str, Any], content) if isinstance(content, dict) else {}
     if fields.get("schema") != SCHEMA:
         found = fields.get("schema")
-        raise InputError(f"{path}: schema {found!r}; this version reads {SCHEMA!r}")
+        raise InputError(f"{source}: schema {found!r}; this version reads {SCHEMA!r}")
     stated = fields.pop("sha256", None)
-    if stated != _hash(fields):
+    try:
+        digest = _hash(fields)
+    except ValueError:  # half of a surrogate pair
+        raise InputError(f"{source}: broken calibration file: a text is no Unicode") from None
+    if stated != digest:
         raise InputError(
-            f"{path}: changed since it was written (its SHA-256 differs); calibrate again or "
+            f"{source}: changed since it was written (its SHA-256 differs); calibrate again or "
             "restore the file"
         )
     try:
         return _from_object(fields)
     except (KeyError, TypeError, ValueError, InercalError) as error:
-        raise InputError(f"{path}: broken calibration file: {error}") from None
+        raise InputError(f"{source}: broken calibration file: {error}") from None
 
 
 def _from_object(content: dict[str, Any]) -> Calibration:

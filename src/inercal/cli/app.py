@@ -5,7 +5,18 @@ import sys
 
 import typer
 
-from inercal.cli import apply, bench, budget, calibrate, demo, plan, report, reproduce, simulate
+from inercal.cli import (
+    apply,
+    bench,
+    budget,
+    calibrate,
+    demo,
+    plan,
+    report,
+    reproduce,
+    simulate,
+    store,
+)
 from inercal.errors import InercalError
 
 app = typer.Typer(
@@ -18,6 +29,7 @@ app = typer.Typer(
 for verb in (demo, calibrate, plan, budget, simulate, apply, report, reproduce):
     app.command(verb.NAME)(verb.run)
 app.add_typer(bench.app, name=bench.NAME)
+app.add_typer(store.app, name=store.NAME)
 
 
 @app.callback(invoke_without_command=True)

@@ -6,12 +6,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from inercal.cli import bench_devices, bench_serve
+
 if TYPE_CHECKING:
-    from inercal.benches import Turntable
+    from inercal.host.entering import Keeper
     from inercal.host.folder import Folder
     from inercal.host.journal import Journal
     from inercal.host.live import Live
     from inercal.host.run import Options
+    from inercal.store import Register
 
 NAME = "bench"
 app = typer.Typer(
@@ -28,6 +31,10 @@ _Within = Annotated[
     str, typer.Option("--temperature", help="°C that the IMU must stay within, as 15:40.")
 ]
 _Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]
+_Register = Annotated[
+    str | None,
+    typer.Option(help="Enter the run in the register there, or in the 'default' one."),
+]
 _TABLE = "pmac://HOST:1025?motors=1,2,3&counts=3600000, acutrol://…?axes=1,2,3 or motor:serial:…"
 _IMU = "serial:/dev/ttyUSB0?preset=xsens&baud=921600 or tcp://HOST:PORT?preset=…"
 
@@ -44,6 +51,7 @@ def run(
     speed: _Speed = None,
     patience: _Patience = 120.0,
     temperature: _Within = "",
+    register: _Register = None,
     json: _Json = False,
 ) -> None:
     """Carry out the plan of a run file, and calibrate from what it leaves."""
@@ -55,11 +63,12 @@ def run(
 
     options = _options(speed, patience, temperature)
     plan = read(run_file)
+    kept = _opened(register)
     folder = out or Path(f"{run_file.stem}-{datetime.now():%Y%m%d-%H%M%S}")
     made, journal = begin(folder, plan, (table, imu, clock))
     with journal:
         try:
-            _go(made, journal, options, json)
+            _go(made, journal, options, json, kept)
         except InercalError:
             # Of devices that were not there nothing is left, and the folder's name is free again.
             if not (made.log.exists() and made.log.stat().st_size):
@@ -76,28 +85,51 @@ def resume(
     speed: _Speed = None,
     patience: _Patience = 120.0,
     temperature: _Within = "",
+    register: _Register = None,
     json: _Json = False,
 ) -> None:
     """Go on with a run that was interrupted: the step that was in hand is repeated whole."""
     from inercal.host.folder import resumed
 
     options = _options(speed, patience, temperature)
+    kept = _opened(register)
     made, journal = resumed(folder, (table, imu, clock))
     with journal:
-        _go(made, journal, options, json)
+        _go(made, journal, options, json, kept)
 
 
-def _go(folder: "Folder", journal: "Journal", options: "Options", json: bool) -> None:
-    """Carry out what is left of a run, and finish it."""
+def _opened(address: str | None) -> "Register | None":
+    """Open the register that is asked for: one that is not there is said before anything moves."""
+    if address is None:
+        return None
+    from inercal.store import Register
+
+    return Register(address)
+
+
+def _go(
+    folder: "Folder",
+    journal: "Journal",
+    options: "Options",
+    json: bool,
+    register: "Register | None",
+) -> None:
+    """Carry out what is left of a run, and finish it; a register is told of it, if there is one."""
     from inercal.calibration.files import as_object
     from inercal.cli.show import as_json, as_table, working
+    from inercal.host.entering import Keeper
     from inercal.host.finish import finish
 
+    keeper = Keeper(register, folder.path)
     live = None
     if journal.header().state != "carried out":
-        live = _carried_out(folder, journal, options)
-    with working(f"calibrating {folder.run.sensor.name} from {folder.run.data.file}"):
-        outcome, files = finish(folder, journal, live)
+        live = _carried_out(folder, journal, options, keeper)
+    sensor = folder.run.sensor.name
+    try:
+        with working(f"calibrating {sensor} from {folder.run.data.file}"):
+            outcome, files = finish(folder, journal, live, lambda: keeper.history(sensor))
+    finally:
+        _enter(keeper)
     if json:
         as_json(as_object(outcome.calibration) | files)
         return
@@ -106,7 +138,16 @@ def _go(folder: "Folder", journal: "Journal", options: "Options", json: bool) ->
         print(f"wrote {path}")
 
 
-def _carried_out(folder: "Folder", journal: "Journal", options: "Options") -> "Live | None":
+def _enter(keeper: "Keeper") -> None:
+    """Enter a run as it is now; what fails is said, and how to do it later."""
+    keeper.enter()
+    if keeper.trouble:
+        print(f"inercal: {keeper.trouble}", file=sys.stderr)
+
+
+def _carried_out(
+    folder: "Folder", journal: "Journal", options: "Options", keeper: "Keeper"
+) -> "Live | None":
     """Have the plan carried out; return what was found while it was."""
     from inercal.cli.bench_keys import keys
     from inercal.cli.bench_view import viewing
@@ -123,9 +164,11 @@ def _carried_out(folder: "Folder", journal: "Journal", options: "Options") -> "L
         viewing() as show,
         BenchRun(folder, journal, addresses, options, show) as bench,
         keys(bench),
+        keeper.meanwhile(),
     ):
         done = bench.carry_out()
     if not done:
+        _enter(keeper)
         print(f"inercal: interrupted: {bench.trouble}", file=sys.stderr)
         print(f"go on by: inercal bench resume {folder.path}", file=sys.stderr)
         raise typer.Exit(1)
@@ -199,67 +242,5 @@ def _number(option: str, text: str) -> float:
     return value
 
 
-@app.command()
-def devices(
-    table: Annotated[str, typer.Option(help=f"Ask a table: {_TABLE}")] = "",
-    imu: Annotated[
-        str, typer.Option(help="Listen to an IMU for a second; without preset= all are tried.")
-    ] = "",
-    run_file: Annotated[
-        Path | None, typer.Option("--run", "-r", help="Run file whose bench names the axes.")
-    ] = None,
-    json: _Json = False,
-) -> None:
-    """Say what is connected: serial ports, what an IMU sends, how a table is set. Nothing moves."""
-    from dataclasses import asdict
-
-    from inercal.cli.bench_devices import of_imu, of_ports, of_table
-    from inercal.cli.show import as_json
-    from inercal.host import devices
-
-    found: dict[str, object] = {}
-    if not (table or imu):
-        ports = devices.ports()
-        found["ports"] = [asdict(port) for port in ports]
-        lines = of_ports(ports)
-    else:
-        lines = []
-    if table:
-        seen = devices.table(table, _bench(run_file))
-        found["table"] = asdict(seen)
-        lines += of_table(seen)
-    if imu:
-        heard = devices.imu(imu)
-        found["imu"] = {
-            "address": heard.address,
-            "bytes": heard.size,
-            "seconds": heard.seconds,
-            "packets": [
-                {
-                    "preset": one.layout.name,
-                    "protection": one.layout.protection,
-                    "taken": one.taken,
-                    "rate_hz": one.rate_hz,
-                }
-                for one in heard.senders
-            ],
-        }
-        lines += of_imu(heard)
-    if json:
-        as_json(found)
-        return
-    for line in lines:
-        print(line)
-
-
-def _bench(run_file: Path | None) -> "Turntable | None":
-    from inercal.benches import Turntable
-    from inercal.errors import InputError
-    from inercal.runfile import read
-
-    if run_file is None:
-        return None
-    bench = read(run_file).bench
-    if not isinstance(bench, Turntable):
-        raise InputError(f"{run_file}: [bench] kind: a bench run takes a turntable")
-    return bench
+for verb in (bench_devices.devices, bench_serve.serve):
+    app.command()(verb)

@@ -1,60 +1,78 @@
-"""What `inercal bench devices` prints, a line at a time."""
+"""`inercal bench devices`: what is connected, and what it says of itself."""
 
-from math import degrees, isfinite
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from inercal.benches import Turntable
 
-    from inercal.host.devices import Imu, Port, Table
-
-
-def of_ports(ports: "Sequence[Port]") -> list[str]:
-    """Return lines about the serial ports there are."""
-    if not ports:
-        return ["no serial port; ask a table or an IMU by its address: --table, --imu"]
-    return [f"{port.address}  {port.what}" for port in ports]
+_TABLE = "pmac://HOST:1025?motors=1,2,3&counts=3600000, acutrol://…?axes=1,2,3 or motor:serial:…"
 
 
-def of_imu(imu: "Imu") -> list[str]:
-    """Return lines about what an IMU sends."""
-    lines = [f"{imu.address}: {imu.size} bytes in {imu.seconds:.1f} s"]
-    if not imu.size:
-        return [
-            *lines,
-            "  it sends nothing: is it switched on, are baud and wiring right? (A simulated one "
-            "whose time is granted waits for a run: simulate --pace 1.)",
-        ]
-    if not imu.senders:
-        return [
-            *lines,
-            "  no preset reads them: try another baud, or describe it, layout=FILE.toml",
-        ]
-    return lines + [
-        f"  preset={one.layout.name}: {one.rate_hz:.6g} packets a second, {100 * one.taken:.3g} % "
-        f"of the bytes taken, {one.counts.failed} wrong checks; {one.layout.protection}"
-        for one in imu.senders
-    ]
+def devices(
+    table: Annotated[str, typer.Option(help=f"Ask a table: {_TABLE}")] = "",
+    imu: Annotated[
+        str, typer.Option(help="Listen to an IMU for a second; without preset= all are tried.")
+    ] = "",
+    run_file: Annotated[
+        Path | None, typer.Option("--run", "-r", help="Run file whose bench names the axes.")
+    ] = None,
+    json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON object instead of a table.")
+    ] = False,
+) -> None:
+    """Say what is connected: serial ports, what an IMU sends, how a table is set. Nothing moves."""
+    from dataclasses import asdict
+
+    from inercal.cli.show import as_json
+    from inercal.host import devices
+    from inercal.host.device_lines import of_imu, of_ports, of_table
+
+    found: dict[str, object] = {}
+    if not (table or imu):
+        ports = devices.ports()
+        found["ports"] = [asdict(port) for port in ports]
+        lines = of_ports(ports)
+    else:
+        lines = []
+    if table:
+        seen = devices.table(table, _bench(run_file))
+        found["table"] = asdict(seen)
+        lines += of_table(seen)
+    if imu:
+        heard = devices.imu(imu)
+        found["imu"] = {
+            "address": heard.address,
+            "bytes": heard.size,
+            "seconds": heard.seconds,
+            "packets": [
+                {
+                    "preset": one.layout.name,
+                    "protection": one.layout.protection,
+                    "taken": one.taken,
+                    "rate_hz": one.rate_hz,
+                }
+                for one in heard.senders
+            ],
+        }
+        lines += of_imu(heard)
+    if json:
+        as_json(found)
+        return
+    for line in lines:
+        print(line)
 
 
-def of_table(table: "Table") -> list[str]:
-    """Return lines about a table."""
-    state = table.state
-    lines = [f"{table.address}: {table.identity or 'does not say what it is'}"]
-    for name, limit, axis in zip(table.axes, table.limits, state.axes, strict=True):
-        soft = (
-            f"soft limits {degrees(limit.low):.6g} to {degrees(limit.high):.6g} °"
-            if isfinite(limit.low) or isfinite(limit.high)
-            else "no soft limits"
-        )
-        servo = "servo on" if axis.enabled else "servo off"
-        homed = "homed" if axis.homed else "not homed"
-        lines.append(
-            f"  {name}: at {degrees(axis.angle):.4f} °, {servo}, {homed}; up to "
-            f"{degrees(limit.rate):.6g} °/s and {degrees(limit.acceleration):.6g} °/s², {soft}, "
-            f"following error {degrees(limit.following_error):.6g} °"
-            + (f"; {', '.join(axis.faults)}" if axis.faults else "")
-        )
-    if isfinite(table.wraps):
-        lines.append(f"  its clock begins again after {table.wraps:.0f} s")
-    return lines
+def _bench(run_file: Path | None) -> "Turntable | None":
+    from inercal.benches import Turntable
+    from inercal.errors import InputError
+    from inercal.runfile import read
+
+    if run_file is None:
+        return None
+    bench = read(run_file).bench
+    if not isinstance(bench, Turntable):
+        raise InputError(f"{run_file}: [bench] kind: a bench run takes a turntable")
+    return bench

@@ -1,8 +1,12 @@
 """`inercal calibrate`: from a run file to a calibration file and a report."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
+
+if TYPE_CHECKING:
+    from inercal.store import Register
 
 NAME = "calibrate"
 
@@ -11,9 +15,14 @@ def run(
     run_file: Path = typer.Argument(help="The run file (TOML): sensor, bench, data, method."),
     out: Path = typer.Option(Path(), "--out", "-o", help="Folder to write to."),
     with_report: bool = typer.Option(True, "--report/--no-report", help="Write the HTML report."),
+    register: str | None = typer.Option(
+        None, help="Enter the calibration in the register there, or in the 'default' one."
+    ),
     json: bool = typer.Option(False, "--json", help="Print one JSON object instead of a table."),
 ) -> None:
     """Find a sensor's coefficients and their uncertainties from a recording."""
+    from contextlib import nullcontext
+
     from inercal.calibration.files import as_object, save
     from inercal.cli.show import as_json, as_table, told, working
     from inercal.errors import InputError
@@ -25,8 +34,10 @@ def run(
     if not out.is_dir():
         raise InputError(f"{out}: no such folder to write to")
     plan = read(run_file)
+    # Before all else: a register that is not there is said before the work.
+    opened = nullcontext() if register is None else _opened(register)
     doing = f"calibrating {plan.sensor.name} from {plan.data.file}"
-    with working(doing) as say:
+    with opened as kept, working(doing) as say:
         outcome = calibrate(plan, lambda generation: say(f"{doing}: {told(generation)}"))
         names = {"calibration_file": "calibration.json", "report": "report.html"}
         names |= {"states": "states.csv"} if has_states(plan, outcome) else {}
@@ -39,14 +50,24 @@ def run(
             save(outcome.calibration, part["calibration_file"])
             if "states" in part:
                 write_states(plan, outcome, part["states"])
+        history = None
+        if kept is not None:
+            kept.enter_calibration(outcome.calibration)
+            history = kept.history(plan.sensor.name)
         # Whatever a page may lack, the result stands before it is drawn.
         if with_report:
             from inercal.report import write_report
 
-            write_report(outcome, files["report"], plan.truth or None)
+            write_report(outcome, files["report"], plan.truth or None, history)
     if json:
         as_json(as_object(outcome.calibration) | {kind: str(path) for kind, path in files.items()})
         return
     as_table(outcome, plan.truth)
     for path in files.values():
         print(f"wrote {path}")
+
+
+def _opened(address: str) -> "Register":
+    from inercal.store import Register
+
+    return Register(address)

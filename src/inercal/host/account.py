@@ -25,7 +25,7 @@ from inercal.methods.turntable_kalman import METHOD
 
 _PIECE, _LONGEST = 0.5, 5.0  # s of the bench that the filters are handed at a time
 _PIECE_WALL = 0.1  # s of the wall's
-_KEPT = 8  # events that are at hand
+_KEPT = 8  # events, and blocks, that are at hand
 _TRIAD = 3
 _SAID_AGAIN = 60.0  # s
 
@@ -53,6 +53,8 @@ class Account:
         How many there were.
     said : deque of (str, str)
         Level and words of the last of them.
+    blocks : deque of Block
+        The last samples; who shows them takes them out.
 
     Raises
     ------
@@ -72,6 +74,7 @@ class Account:
         self.temperature = nan
         self.events = 0
         self.said: deque[tuple[str, str]] = deque(maxlen=_KEPT)
+        self.blocks: deque[Block] = deque(maxlen=_KEPT)
         self._journal = journal
         self._worked = 0.0, 0.0
         self._losses, self._lost_at = (0, 0, 0), 0.0
@@ -132,6 +135,7 @@ class Account:
         block = self.assembly.take()
         if block is None:
             return None
+        self.blocks.append(block)
         self._estimate(block, time)
         self._tell_losses(time)
         return block

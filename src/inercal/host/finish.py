@@ -1,8 +1,9 @@
 """What is made of a run when all is done: recording, calibration, report, and their digests."""
 
+from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -16,6 +17,9 @@ from inercal.host.record import write
 from inercal.pipeline import Outcome, calibrate
 from inercal.report import write_report
 
+if TYPE_CHECKING:
+    from inercal.store import History
+
 
 class Finished(NamedTuple):
     """The outcome, and the files of the run by what they are."""
@@ -24,7 +28,12 @@ class Finished(NamedTuple):
     files: dict[str, str]
 
 
-def finish(folder: Folder, journal: Journal, live: Live | None = None) -> Finished:
+def finish(
+    folder: Folder,
+    journal: Journal,
+    live: Live | None = None,
+    keep: "Callable[[], History | None]" = lambda: None,
+) -> Finished:
     """Write recording, calibration and report of a run that is done, and keep their digests.
 
     Parameters
@@ -33,6 +42,8 @@ def finish(folder: Folder, journal: Journal, live: Live | None = None) -> Finish
     journal : Journal
     live : Live, optional
         Its values are compared with those of the recording, and the journal says how they agree.
+    keep : callable, optional
+        Called when the calibration is written: it gives the sensor's history for the report.
 
     Raises
     ------
@@ -49,7 +60,8 @@ def finish(folder: Folder, journal: Journal, live: Live | None = None) -> Finish
     if live is not None and live.begun:
         _compare(journal, live, outcome)
     files["calibration_file"] = save(outcome.calibration, folder.made("calibration.json"))
-    files["report"] = write_report(outcome, folder.made("report.html"), run.truth or None)
+    report = folder.made("report.html")
+    files["report"] = write_report(outcome, report, run.truth or None, keep())
     _digests(journal, files)
     journal.end("done")
     named = {kind: str(path) for kind, path in files.items()}

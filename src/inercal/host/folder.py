@@ -41,8 +41,17 @@ class Folder:
     run: Run
 
     @classmethod
-    def begin(cls, path: str | os.PathLike[str], run: Run) -> "Folder":
+    def begin(
+        cls, path: str | os.PathLike[str], run: Run, content: bytes | None = None
+    ) -> "Folder":
         """Make a folder for a run, with copies of its run file and the file of its path.
+
+        Parameters
+        ----------
+        path : path
+        run : Run
+        content : bytes, optional
+            Of the run file, where its copy shall say something else.
 
         Raises
         ------
@@ -53,8 +62,9 @@ class Folder:
         require_free(path)
         try:
             for name in (run.path.name, *_named(run.path)):
+                given = content if name == run.path.name else None
                 with atomic_write(path / name) as temporary:
-                    temporary.write_bytes((run.path.parent / name).read_bytes())
+                    temporary.write_bytes(given or (run.path.parent / name).read_bytes())
         except OSError as error:
             raise InputError(f"{path}: cannot be made: {error.strerror}") from None
         return cls(path, read(path / run.path.name))
@@ -89,7 +99,11 @@ class Folder:
 
 
 def begin(
-    path: str | os.PathLike[str], run: Run, addresses: tuple[str, str, str], poll: float = POLL
+    path: str | os.PathLike[str],
+    run: Run,
+    addresses: tuple[str, str, str],
+    poll: float = POLL,
+    content: bytes | None = None,
 ) -> tuple[Folder, Journal]:
     """Make the folder of a run and its journal, before anything moves.
 
@@ -101,6 +115,8 @@ def begin(
         Of table, IMU and clock.
     poll : float
         s between readings of the table.
+    content : bytes, optional
+        Of the run file, where its copy in the folder shall say something else.
 
     Raises
     ------
@@ -110,7 +126,7 @@ def begin(
     """
     require_recordable(run, layout_of_address(addresses[1]))
     count = len(run.steps)
-    folder = Folder.begin(path, run)
+    folder = Folder.begin(path, run, content)
     return folder, Journal.begin(folder.journal, run.path.name, addresses, poll, count)
 
 

@@ -191,10 +191,12 @@ class Journal:
             _now(), time, level, words,
         )  # fmt: skip
 
-    def events(self) -> tuple[Event, ...]:
-        """Return all events, the first first."""
+    def events(self, after: int = 0) -> tuple[Event, ...]:
+        """Return the events that follow so many, the first first."""
         with _said(self.path):
-            rows = self._db.execute("SELECT at, time, level, words FROM event ORDER BY id")
+            rows = self._db.execute(
+                "SELECT at, time, level, words FROM event WHERE id > ? ORDER BY id", (after,)
+            )
             return tuple(Event(*row) for row in rows)
 
     def file(self, name: str, size: int, sha256: str) -> None:

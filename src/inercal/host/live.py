@@ -133,8 +133,19 @@ class Live:
     @property
     def nis(self) -> float:
         """Innovations squared over what was stated, a component; NaN before the first."""
-        components = sum(observed(one.made) * one.state.epochs for one in self._filters)
-        return sum(one.state.nis for one in self._filters) / components if components else nan
+        components = sum(count for _, count in self.innovations.values())
+        return sum(s for s, _ in self.innovations.values()) / components if components else nan
+
+    @property
+    def innovations(self) -> dict[str, tuple[float, int]]:
+        """Of each filter, "w" and "f", the sum of squares over what was stated, of how many."""
+        return {
+            "w" if isinstance(one, _OfGyros) else "f": (
+                one.state.nis,
+                observed(one.made) * one.state.epochs,
+            )
+            for one in self._filters
+        }
 
     def feed(self, block: Block) -> None:
         """Take in the samples that follow.

@@ -22,7 +22,7 @@ from zlib import crc32
 from inercal.errors import InputError
 
 if sys.platform != "win32":
-    from fcntl import LOCK_EX, LOCK_NB, flock
+    from fcntl import LOCK_EX, LOCK_NB, LOCK_SH, flock
 
 IMU, TABLE, EVENT = 1, 2, 3
 _HEAD = Struct("<2sBId")
@@ -75,7 +75,7 @@ class Log:
             self._file = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)
             try:
                 # Before a look at it: a frame that another host is at looks like a torn one.
-                _lock(self._file)
+                lock(self._file)
                 sound = _sound(self.path)
                 self.torn = os.fstat(self._file).st_size - sound
                 if self.torn:
@@ -138,7 +138,21 @@ def digest(path: str | os.PathLike[str]) -> str:
     return made.hexdigest()
 
 
-def _lock(file: int) -> None:
+def driven(path: str | os.PathLike[str]) -> bool:
+    """Tell whether a host has a log, or another file that it locks, open at this moment."""
+    if sys.platform == "win32":
+        return False
+    try:
+        with open(path, "rb") as file:
+            flock(file, LOCK_SH | LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    return False
+
+
+def lock(file: int) -> None:
     """Lock a descriptor's file, or raise `BlockingIOError`; where a system cannot, do nothing."""
     if sys.platform != "win32":
         flock(file, LOCK_EX | LOCK_NB)

@@ -86,7 +86,9 @@ class BenchRun:
     addresses : Addresses
     options : Options
     show : callable
-        Called with the run itself, five times a second of the wall's.
+        Called with the run itself, now and then.
+    every : float
+        s of the wall's between two such calls.
 
     Attributes
     ----------
@@ -116,6 +118,7 @@ class BenchRun:
         addresses: Addresses,
         options: Options = _ORDINARY,
         show: Callable[["BenchRun"], None] | None = None,
+        every: float = _SHOWN,
     ):
         run, bench = folder.run, folder.run.bench
         if not isinstance(bench, Turntable):
@@ -126,6 +129,7 @@ class BenchRun:
         self.trouble = ""
         self._journal, self._options = journal, options
         self._show: Callable[[BenchRun], None] = show or _blind
+        self._every = every
         self._bench, self._poll = bench, journal.header().poll
         self._paused: dict[_Why, str] = {}
         self._commands: list[Command] = []
@@ -233,7 +237,7 @@ class BenchRun:
             self._go_on(fresh[1])
         if self.account.due(self.time):
             self._work()
-        if monotonic() - self._shown >= _SHOWN:
+        if monotonic() - self._shown >= self._every:
             self._shown = monotonic()
             try:
                 self._show(self)

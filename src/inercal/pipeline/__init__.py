@@ -131,6 +131,8 @@ def calibrate(
             "leave no root; use another estimator"
         )
     conditions = gathered.conditions | _temperature(gathered.recording) | _search(run)
+    if run.bench_name:
+        conditions["bench"] = run.bench_name
     if run.time_offset:
         late = delay(observations, sensor, estimate, bench.gravity.value)
         text = f"{late.value * 1e3:+.2f} ± {2 * late.sd * 1e3:.2f} ms (k = 2)"

@@ -1,4 +1,4 @@
-"""Reports, error budgets and worksheets: each one HTML page that needs nothing but itself.
+"""Reports, histories, budgets and worksheets: each one HTML page that needs nothing but itself.
 
 Figures are SVG inside the page, whose colours follow the reader's light or dark scheme.
 """
@@ -6,6 +6,7 @@ Figures are SVG inside the page, whose colours follow the reader's light or dark
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from inercal.budget import Budget
 from inercal.design.on_head import Worksheet
@@ -13,9 +14,15 @@ from inercal.errors import InputError
 from inercal.io.atomic import atomic_write
 from inercal.pipeline import Outcome
 
+if TYPE_CHECKING:  # reports do without a register
+    from inercal.store import History
+
 
 def write_report(
-    outcome: Outcome, path: str | Path, truth: Mapping[str, float] | None = None
+    outcome: Outcome,
+    path: str | Path,
+    truth: Mapping[str, float] | None = None,
+    history: "History | None" = None,
 ) -> Path:
     """Write the report; the file appears whole or not at all. Return its path.
 
@@ -25,6 +32,8 @@ def write_report(
     path : path
     truth : mapping of str to float, optional
         Of a simulation: coefficients in SI by full name; those missing are zero.
+    history : History, optional
+        Of the sensor's calibrations, which becomes a section.
 
     Raises
     ------
@@ -33,7 +42,25 @@ def write_report(
     """
     with _extras():
         from inercal.report.page import page
-    return _write(path, page(outcome, truth))
+    return _write(path, page(outcome, truth, history))
+
+
+def write_history(history: "History", path: str | Path) -> Path:
+    """Write the page of a sensor's history; it appears whole or not at all. Return its path.
+
+    Parameters
+    ----------
+    history : History
+    path : path
+
+    Raises
+    ------
+    InputError
+        matplotlib or jinja2 is missing, or the file cannot be written.
+    """
+    with _extras():
+        from inercal.report.over_time import page
+    return _write(path, page(history))
 
 
 def write_budget(budget: Budget, path: str | Path, under: str = "") -> Path:
@@ -95,4 +122,4 @@ def _write(path: str | Path, text: str) -> Path:
     return Path(path)
 
 
-__all__ = ["write_budget", "write_report", "write_worksheet"]
+__all__ = ["write_budget", "write_history", "write_report", "write_worksheet"]

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from importlib.resources import files
 from math import degrees, isnan, nan
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jinja2 import Environment, StrictUndefined
@@ -26,6 +27,9 @@ from inercal.report.traces import scatters, traces
 from inercal.report.whole import by_step, by_steps, is_whole
 from inercal.sensors import G0
 
+if TYPE_CHECKING:
+    from inercal.store import History
+
 
 @dataclass(frozen=True)
 class Section:
@@ -38,7 +42,9 @@ class Section:
     samples: str
 
 
-def page(outcome: Outcome, truth: Mapping[str, float] | None) -> str:
+def page(
+    outcome: Outcome, truth: Mapping[str, float] | None, register: "History | None" = None
+) -> str:
     """Return the whole page, HTML.
 
     Parameters
@@ -46,6 +52,8 @@ def page(outcome: Outcome, truth: Mapping[str, float] | None) -> str:
     outcome : Outcome
     truth : mapping of str to float or None
         Of a simulation, SI.
+    register : History, optional
+        Of the sensor's calibrations.
     """
     folder = files("inercal.report")
     environment = Environment(
@@ -82,6 +90,7 @@ def page(outcome: Outcome, truth: Mapping[str, float] | None) -> str:
         indexed=isinstance(bench, DividingHead),
         head=on_head.head(outcome, bench) if isinstance(bench, DividingHead) else None,
         search=None if outcome.search is None else history(outcome.search),
+        over_time=None if register is None else _over_time(register),
         course=_course(outcome, truth),
         by_speed=speeds(outcome, bench) if isinstance(bench, RateTable) else None,
         spheres=(sphere(found, 1), sphere(found, -1)) if found else (),
@@ -114,6 +123,14 @@ def _residuals(outcome: Outcome) -> Markup | None:
         return by_steps(by_step(outcome))
     estimate = outcome.estimate
     return residuals(outcome) if estimate.whitened.size or estimate.groups else None
+
+
+def _over_time(register: "History") -> tuple[list[str], Markup]:
+    """Return what a history says, and its figures with the table of verdicts."""
+    # Here, for a history comes with what the register needs, which reports do without.
+    from inercal.report.over_time import lines, section
+
+    return lines(register), section(register)
 
 
 @dataclass(frozen=True)

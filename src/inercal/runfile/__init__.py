@@ -76,6 +76,8 @@ class Run:
         Whether [method] says something of the plan.
     search : Options or None
         What the search is told, of an estimator that searches.
+    bench_name : str
+        What the laboratory calls its bench; empty where it says nothing.
     """
 
     path: Path
@@ -92,6 +94,7 @@ class Run:
     time_offset: bool = False
     planned: bool = False
     search: Options | None = None
+    bench_name: str = ""
 
     @cached_property
     def steps(self) -> tuple[Step, ...]:
@@ -230,6 +233,7 @@ def _build(path: Path, digest: str, schema: RunSchema) -> Run:
         time_offset=schema.method.time_offset,
         planned=any(getattr(schema.method, key) is not None for key, _, _ in _PLAN),
         search=searching(schema.method, chosen, estimator),
+        bench_name=schema.bench.name,
     )
 
 

@@ -1,0 +1,54 @@
+"""`inercal bench serve`: the live page, in a browser."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def serve(
+    plans: Annotated[Path, typer.Option(help="Folder of run files to choose from.")] = Path(),
+    runs: Annotated[Path, typer.Option(help="Folder that takes the runs' folders.")] = Path("runs"),
+    register: Annotated[
+        str | None, typer.Option(help="The register: a path, sqlite:///… or postgresql://…")
+    ] = None,
+    table: Annotated[str, typer.Option(help="A table to choose, as `run` takes it.")] = "",
+    imu: Annotated[str, typer.Option(help="An IMU to choose, as `run` takes it.")] = "",
+    clock: Annotated[str, typer.Option(help="Of a simulated bench, as `simulate` says it.")] = "",
+    speed: Annotated[
+        float | None, typer.Option(help="Most seconds of a simulated bench in one of the wall's.")
+    ] = None,
+    host: Annotated[
+        str, typer.Option(help="Address to listen at; another than this machine's needs a token.")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option(help="0: any that is free.")] = 8765,
+    token: Annotated[
+        str | None,
+        typer.Option(envvar="INERCAL_TOKEN", help="That a browser must show; made if needed."),
+    ] = None,
+) -> None:
+    """Serve the live page: set up, watch, pause, stop and resume runs in a browser.
+
+    A run survives the page and this server. A software stop is no safety function.
+    """
+    from inercal.errors import InputError
+
+    if speed is not None and not 0 < speed < float("inf"):
+        raise InputError(f"--speed {speed:g}; give a number above 0")
+    if not 0 <= port < 65536:
+        raise InputError(f"--port {port}; possible: 0 to 65535")
+    try:
+        from inercal.host.web.server import Options
+        from inercal.host.web.server import serve as served
+    except ImportError as error:
+        if (error.name or "").partition(".")[0] not in (
+            "starlette",
+            "uvicorn",
+            "websockets",
+            "tomlkit",
+        ):
+            raise
+        raise InputError(
+            f"the live page needs {error.name}; install the extra: pip install 'inercal[host]'"
+        ) from error
+    served(Options(plans, runs, register, table, imu, clock, speed, host, port, token))

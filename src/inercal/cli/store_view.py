@@ -1,0 +1,177 @@
+"""The tables that `inercal store` prints."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from inercal.calibration.verdict import COVERAGE
+from inercal.store import CalibrationEntry, History, RunEntry, SensorEntry
+from inercal.store.comparison import Comparison
+from inercal.store.history import Course
+from inercal.store.words import drift, en, of_comparison, of_history, point, slope
+from inercal.units import digits
+
+_TIMES = {"stated": "as stated", "run": "begin of the run", "created": "when it was made"}
+_RIGHT = ("value", "±", "E_n", "difference", "newest", "drift", "calibrations")
+
+
+def print_sensors(entries: Sequence[SensorEntry]) -> None:
+    """Print sensors, one a row."""
+    table = _table("sensor", "axes", "calibrations", "last", "entered by", "on")
+    for one in entries:
+        cells = (one.name, " ".join(one.axes), str(one.calibrations), one.last or "never", one.by)
+        _row(table, *cells, _date(one.at))
+    Console().print(table)
+
+
+def print_runs(entries: Sequence[RunEntry]) -> None:
+    """Print runs, one a row."""
+    table = _table("run", "sensor", "bench", "begun", "state", "folder", "entered by")
+    for one in entries:
+        begun = one.begun.replace("T", " ")[:16]
+        bench = _bench(one.kind, one.bench)
+        _row(table, str(one.id), one.sensor, bench, begun, one.state, one.folder, one.by)
+    Console().print(table)
+
+
+def print_sensor(
+    sensor: SensorEntry, calibrations: Sequence[CalibrationEntry], runs: Sequence[RunEntry]
+) -> None:
+    """Print a sensor, its calibrations and its runs."""
+    _say(f"{sensor.name}: {', '.join(sensor.axes)}; entered by {sensor.by} on {_date(sensor.at)}")
+    table = _table("number", "measured", "method", "estimator", "bench", "run", "entered by")
+    for one in calibrations:
+        run = "" if one.run is None else str(one.run)
+        bench = _bench(one.kind, one.bench)
+        cells = (f"#{one.id}", _date(one.measured), one.method, one.estimator, bench, run, one.by)
+        _row(table, *cells)
+    if calibrations:
+        Console().print(table)
+    if runs:
+        print_runs(runs)
+    if not (calibrations or runs):
+        _say("no calibration and no run of it yet")
+
+
+def print_calibration(entry: CalibrationEntry, run: RunEntry | None) -> None:
+    """Print one calibration: where it comes from, hashes, coefficients."""
+    found = entry.calibration
+    facts = {
+        "measured": f"{entry.measured} ({_TIMES[entry.measured_from]})",
+        "method": f"{entry.method}, {entry.estimator}",
+        "bench": _bench(entry.kind, entry.bench),
+        "frame": found.frame,
+        **{name: text for name, text in found.conditions.items() if name != "bench"},
+        **found.provenance,
+        "calibration sha256": entry.sha256,
+        "entered": f"by {entry.by}, {entry.at}",
+    }
+    if run is not None:
+        facts["run"] = f"{run.id}, begun {run.begun}, {run.state}, {run.folder}"
+        facts |= {f"{one.name} sha256": one.sha256 for one in run.files}
+    _say(f"calibration #{entry.id} of {entry.sensor}")
+    for name, text in facts.items():
+        if text:
+            _say(f"{name}: {text}")
+    table = _table("coefficient", "meaning", "value", "± U (k = 2)", "unit")
+    previous = ""
+    rows = zip(found.sensor.coefficients, found.values, found.std, strict=True)
+    for name, value, std in rows:
+        previous = _section(table, name, previous)
+        line = found.sensor.coefficient(name)
+        cells = digits(value / line.si, COVERAGE * std / line.si)
+        _row(table, name, line.meaning, *cells, line.unit)
+    Console().print(table)
+    for note in found.notes:
+        _say(f"· {note}")
+
+
+def print_history(history: History, *, whole: bool) -> None:
+    """Print a history: every calibration of each coefficient where `whole`, else one row each."""
+    first, last = (_date(history.entries[k].measured) for k in (0, -1))
+    _say(f"{history.sensor.name}: {len(history.entries)} calibrations, {first} to {last}")
+    if whole:
+        for course in history.courses:
+            _print_course(history, course)
+    else:
+        _print_courses(history)
+    for line in of_history(history):
+        _say(line)
+
+
+def _print_courses(history: History) -> None:
+    table = _table(
+        "coefficient", "newest", "± U (k = 2)", "unit", "E_n", "drift a year", "± U", "verdict"
+    )
+    previous = ""
+    for one in history.courses:
+        previous = _section(table, one.name, previous)
+        last = en(float(one.normalised[-1]))
+        _row(table, one.name, *point(one, -1), one.unit, last, *slope(one), one.verdict)
+    Console().print(table)
+
+
+def _print_course(history: History, course: Course) -> None:
+    table = _table("number", "measured", f"value, {course.unit}", "± U (k = 2)", "E_n")
+    table.title = f"{course.name}, {course.meaning}"
+    for k, one in enumerate(course.points):
+        entry = history.entries[one]
+        cells = (f"#{entry.id}", _date(entry.measured), *point(course, k))
+        _row(table, *cells, en(float(course.normalised[k])))
+    Console().print(table)
+    _say(f"{course.name}: {course.verdict}; {drift(course)}")
+
+
+def print_comparison(compared: Comparison, names: tuple[str, str]) -> None:
+    """Print two calibrations, coefficient by coefficient, and the tests of all."""
+    table = _table(
+        "coefficient", "value 1", "± U", "value 2", "± U", "difference", "± U", "unit", "E_n"
+    )
+    _say(f"1: {names[0]}; 2: {names[1]}; U with k = 2")
+    previous = ""
+    both, std = (compared.first, compared.second), compared.std
+    for k, name in enumerate(compared.names):
+        previous = _section(table, name, previous)
+        line = compared.second.sensor.coefficient(name)
+        numbers = [(one.value(name), float(u[k])) for one, u in zip(both, std, strict=True)]
+        numbers.append((float(compared.difference[k]), float(np.hypot(std[0][k], std[1][k]))))
+        cells = [cell for x, u in numbers for cell in digits(x / line.si, COVERAGE * u / line.si)]
+        _row(table, name, *cells, line.unit, en(float(compared.normalised[k])))
+    Console().print(table)
+    for line in of_comparison(compared):
+        _say(line)
+
+
+def _bench(kind: str, name: str) -> str:
+    return f"{name} ({kind})" if kind and name else kind or name
+
+
+def _date(time: str) -> str:
+    return time.partition("T")[0]
+
+
+def _table(*heads: str) -> Table:
+    table = Table()
+    for head in heads:
+        table.add_column(head, justify="right" if head.startswith(_RIGHT) else "left")
+    return table
+
+
+def _row(table: Table, *cells: str) -> None:
+    # Texts, not markup: names come from files.
+    table.add_row(*(Text(cell, style="bold red" if cell.endswith(" *") else "") for cell in cells))
+
+
+def _section(table: Table, name: str, previous: str) -> str:
+    """Begin a section of the table where another axis begins; return the axis."""
+    axis = name.partition(".")[0]
+    if previous and axis != previous:
+        table.add_section()
+    return axis
+
+
+def _say(text: str) -> None:
+    Console(highlight=False).print(Text(text))

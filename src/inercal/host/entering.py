@@ -1,0 +1,133 @@
+"""A run's folder into the register: the folder is the truth, the register what is kept of it."""
+
+from collections.abc import Generator
+from contextlib import contextmanager
+from hashlib import sha256
+from pathlib import Path
+from threading import Thread
+
+from inercal.errors import InercalError, InputError
+from inercal.host.folder import JOURNAL, LOG, Folder
+from inercal.host.journal import Header, Journal
+from inercal.host.log import digest
+from inercal.runfile import Run
+from inercal.runfile.checks import KINDS
+from inercal.store import History, Register, RunFacts
+
+
+def enter(register: Register, folder: str | Path) -> int:
+    """Enter the run of a folder, its files and its calibration if there is one; return its id.
+
+    As often as one likes: what is there already stays, state and files are brought up to date.
+
+    Parameters
+    ----------
+    register : Register
+    folder : path
+
+    Raises
+    ------
+    InputError
+        There is no journal in the folder, a file of raw data is not what the journal says, or the
+        register cannot be written. Nothing is entered then.
+    """
+    folder = Path(folder)
+    with Journal(folder / JOURNAL) as journal:
+        header, files = journal.header(), journal.files()
+    made = Folder.of(folder, header.run_file)
+    facts = RunFacts(
+        _key(header, made.run),
+        made.run.sensor,
+        KINDS[type(made.run.bench)],
+        made.run.bench_name,
+        header.begun,
+        header.state,
+        header.table,
+        header.imu,
+        str(folder.resolve()),
+        _proved(made, header, files),
+    )
+    calibration = made.made("calibration.json")
+    return register.enter_run(facts, calibration if calibration.exists() else None)
+
+
+def _key(header: Header, run: Run) -> str:
+    """Return what tells a run from all others, wherever its folder lies."""
+    return sha256(f"{header.begun}\n{header.run_file}\n{run.sha256}".encode()).hexdigest()[:32]
+
+
+def _proved(
+    made: Folder, header: Header, files: dict[str, tuple[int, str]]
+) -> dict[str, tuple[int, str]]:
+    """Return size and SHA-256 of the run's files, those of the raw data proved.
+
+    The report and the calibration may have been made anew; the latter has a hash of its own.
+    """
+    found = dict(files)
+    for name in (header.run_file, LOG, made.run.data.file):
+        path = made.path / name
+        if header.state == "running" or not path.is_file():
+            continue  # the log of a run that goes on grows
+        try:
+            now = path.stat().st_size, digest(path)
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+        if found.setdefault(name, now) != now:
+            raise InputError(
+                f"{path}: changed since the run left it (its SHA-256 differs from the journal's); "
+                "restore the file"
+            )
+    return found
+
+
+class Keeper:
+    """Enters a run as it goes on; what fails is kept in words and does not stop the run.
+
+    Parameters
+    ----------
+    register : Register or None
+        None enters nothing.
+    folder : path
+
+    Attributes
+    ----------
+    trouble : str
+        Why it was not entered the last time, and how to do it later; empty where all is well.
+    """
+
+    def __init__(self, register: Register | None, folder: str | Path):
+        self._register, self._folder = register, Path(folder)
+        self.trouble = ""
+
+    def enter(self) -> None:
+        """Enter the run as it is now."""
+        if self._register is None:
+            return
+        try:
+            enter(self._register, self._folder)
+            self.trouble = ""
+        except InercalError as error:
+            self.trouble = (
+                f"the run is not in the register: {error}; enter it later by "
+                f"`inercal store import {self._folder}`"
+            )
+
+    @contextmanager
+    def meanwhile(self) -> Generator[None]:
+        """Enter the run beside what is done: a watchdog waits for no server."""
+        thread = Thread(target=self.enter, daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            thread.join()
+
+    def history(self, sensor: str) -> History | None:
+        """Enter the run as it is now; return its sensor's history, None where there is none."""
+        self.enter()
+        if self._register is None or self.trouble:
+            return None
+        try:
+            return self._register.history(sensor)
+        except InercalError:
+            return None

@@ -1,0 +1,105 @@
+"""Who may have the page: by token, host and origin; decided on what a request says, no more.
+
+A page of another site in the same browser can send requests here, and so can one whose name was
+made to lead here (DNS rebinding): the first says its own origin, the second another host.
+"""
+
+import hmac
+import secrets
+from collections import deque
+from collections.abc import Mapping
+from ipaddress import ip_address
+from time import monotonic
+
+from starlette.requests import cookie_parser
+
+from inercal.errors import InputError
+
+SESSION, VIEWER = "inercal-session", "inercal-viewer"
+_LEAST = 12  # characters of a token
+_TRIES, _WITHIN = 10, 60.0  # wrong tokens of one address, s
+_ADDRESSES = 1000
+
+
+def is_loopback(host: str) -> bool:
+    """Tell whether a host can be reached from this machine alone."""
+    if host == "localhost":
+        return True
+    try:
+        return ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+class Access:
+    """Decides who may have the page.
+
+    Parameters
+    ----------
+    hosts : set of str
+        What the page is called, with the port, where no token is needed.
+    token : str or None
+        That a browser must have shown once.
+
+    Raises
+    ------
+    InputError
+        A token that is soon guessed.
+    """
+
+    def __init__(self, hosts: frozenset[str], token: str | None):
+        if token is not None and len(token) < _LEAST:
+            raise InputError(f"a token of {len(token)} characters; give {_LEAST} or more, or none")
+        self.session = secrets.token_urlsafe(32)
+        self._hosts, self._token = hosts, token
+        self._wrong: dict[str, deque[float]] = {}
+
+    @property
+    def needs_token(self) -> bool:
+        """Whether there is one."""
+        return self._token is not None
+
+    def knows_host(self, headers: Mapping[str, str]) -> bool:
+        """Tell whether the page is called so."""
+        return self.needs_token or headers.get("host", "").lower() in self._hosts
+
+    @staticmethod
+    def is_own(headers: Mapping[str, str]) -> bool:
+        """Tell whether a request comes from this page itself."""
+        host, origin = headers.get("host", "").lower(), headers.get("origin", "").lower()
+        return bool(host) and origin in (f"http://{host}", f"https://{host}")
+
+    @staticmethod
+    def is_foreign(headers: Mapping[str, str]) -> bool:
+        """Tell whether a browser says that the request is of a page from elsewhere."""
+        return headers.get("sec-fetch-site", "none") not in ("same-origin", "none")
+
+    def is_known(self, headers: Mapping[str, str]) -> bool:
+        """Tell whether a browser has shown the token before, or need not."""
+        shown = cookie(headers, SESSION)
+        return not self.needs_token or (shown is not None and _same(shown, self.session))
+
+    def may_try(self, who: str) -> bool:
+        """Tell whether an address has not shown too many wrong tokens lately."""
+        tries = self._wrong.get(who)
+        while tries and monotonic() - tries[0] > _WITHIN:
+            tries.popleft()
+        return tries is None or len(tries) < _TRIES
+
+    def accepts(self, token: str, who: str) -> bool:
+        """Tell whether that is the token, in a time that says nothing of it."""
+        if self._token is None or _same(token, self._token):
+            return True
+        if who not in self._wrong and len(self._wrong) >= _ADDRESSES:
+            del self._wrong[next(iter(self._wrong))]
+        self._wrong.setdefault(who, deque(maxlen=_TRIES)).append(monotonic())
+        return False
+
+
+def cookie(headers: Mapping[str, str], name: str) -> str | None:
+    """Return a cookie; None where there is none of that name."""
+    return cookie_parser(headers.get("cookie", "")).get(name)
+
+
+def _same(one: str, other: str) -> bool:
+    return hmac.compare_digest(one.encode(errors="replace"), other.encode(errors="replace"))

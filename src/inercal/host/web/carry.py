@@ -1,0 +1,160 @@
+"""One run, from the order to the register, told while it goes on."""
+
+import os
+from collections.abc import Generator, Mapping
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from datetime import UTC, datetime
+from pathlib import Path
+from time import sleep
+from typing import Any
+
+from inercal.benches.turntable import Turntable
+from inercal.errors import InputError
+from inercal.host.addresses import layout_of_address
+from inercal.host.compile import compiled
+from inercal.host.folder import JOURNAL, Folder, begin, resumed
+from inercal.host.journal import Journal
+from inercal.host.run import Addresses, BenchRun, Options
+from inercal.host.web import pictures, simulating
+from inercal.host.web.control import Control
+from inercal.host.web.ending import Ending
+from inercal.host.web.order import NOTE, Order, note, renamed
+from inercal.host.web.publish import Publisher
+from inercal.host.web.teller import EVERY, Teller
+from inercal.runfile import Run, read
+
+
+class Carrying:
+    """A run as it is ordered.
+
+    Parameters
+    ----------
+    order : Order
+    publisher : Publisher
+    control : Control
+    """
+
+    def __init__(self, order: Order, publisher: Publisher, control: Control):
+        self._order, self._publisher, self._control = order, publisher, control
+        self._folder = Path(order.folder)
+        self._beside: AbstractContextManager[None] = nullcontext()
+        self._compiled = False
+
+    def carry_out(self) -> Mapping[str, Any]:
+        """Carry out the run as far as that is possible; return what is told of its end.
+
+        Raises
+        ------
+        InercalError
+            Nothing was begun.
+        """
+        run = self._planned()
+        assert isinstance(run.bench, Turntable)
+        with ExitStack() as opened:
+            preset = simulating.preset_of(self._order)
+            addresses = self._addresses(run, preset, opened)
+            made, journal = self._made(run, addresses)
+            opened.enter_context(journal)
+            with self._kept_if_it_was(made):
+                opened.callback(os.close, note(made.path, preset))
+                journal.event("info", self._words(preset))
+                ending = Ending(self._order, made, journal)
+                teller = Teller(self._publisher, made.run, run.bench, journal)
+                told = self._to_its_end(made, journal, teller, ending)
+                teller.events()
+                return told
+
+    def _to_its_end(
+        self, made: Folder, journal: Journal, teller: Teller, ending: Ending
+    ) -> Mapping[str, Any]:
+        """Have done what is left of a run; return what is told of its end."""
+        live = None
+        if journal.header().state != "carried out":
+            going, done = self._driven(made, journal, teller, ending)
+            if not done:
+                return ending.interrupted(going.trouble)
+            live = going.account.live
+        self._control.interruptible = False
+        self._phase("finishing: recording, calibration, report")
+        return ending.finished(live)
+
+    def _planned(self) -> Run:
+        """Return the run file that is wanted, and tell what is in it."""
+        order = self._order
+        if order.plan is not None:
+            run = read(order.plan)
+        else:
+            with Journal(self._folder / JOURNAL) as journal:
+                run = read(self._folder / journal.header().run_file)
+        if not isinstance(run.bench, Turntable):
+            raise InputError(f"{run.path}: [bench] kind: a bench run takes a turntable")
+        told = pictures.plan(run, run.bench) | {"run": order.name}
+        told["begun"] = datetime.now(UTC).isoformat(timespec="milliseconds")
+        told["simulated"] = simulating.preset_of(order) is not None or bool(order.clock)
+        told["sensor"] = order.sensor or told["sensor"]
+        self._publisher.tell("plan", **told)
+        return run
+
+    def _addresses(self, run: Run, preset: str | None, opened: ExitStack) -> Addresses:
+        order = self._order
+        if preset is None:
+            return Addresses(order.table, order.imu, order.clock)
+        self._phase(simulating.WORDS)
+        bench = opened.enter_context(simulating.started(order, run, preset))
+        self._compiled = True
+        if order.plan is None:
+            simulating.let_pass(bench, self._folder)
+        if order.speed is None:
+            self._beside = bench.beside()
+        return simulating.addresses(bench)
+
+    def _made(self, run: Run, addresses: Addresses) -> tuple[Folder, Journal]:
+        """Return the run's folder and its journal, both made if need be."""
+        order = self._order
+        if order.plan is None:
+            return resumed(self._folder, addresses)
+        content = None if order.sensor is None else renamed(run.path, order.sensor)
+        return begin(self._folder, run, addresses, content=content)
+
+    @contextmanager
+    def _kept_if_it_was(self, made: Folder) -> Generator[None]:
+        """Leave nothing of a run whose devices were not there."""
+        try:
+            yield
+        except BaseException:
+            empty = not (made.log.exists() and made.log.stat().st_size)
+            if self._order.plan is not None and empty:
+                (made.path / NOTE).unlink(missing_ok=True)
+                made.discard()
+            raise
+
+    def _driven(
+        self, made: Folder, journal: Journal, teller: Teller, ending: Ending
+    ) -> tuple[BenchRun, bool]:
+        """Have the plan carried out, or what is left of it; tell whether all is done."""
+        was = journal.header()
+        if not self._compiled:
+            self._phase("compiling what a run needs, once on each machine")
+            compiled(made.run, layout_of_address(was.imu))
+        self._phase("connecting to table and IMU")
+
+        def show(run: BenchRun) -> None:
+            teller(run)
+            if run.paused and was.clock:
+                sleep(EVERY)  # a simulated bench has no reason to hurry while it waits
+
+        addresses, options = Addresses(*was.addresses), Options(self._order.speed)
+        with BenchRun(made, journal, addresses, options, show, EVERY) as going:
+            self._control.attach(going)
+            with self._beside, ending.keeper.meanwhile():
+                done = going.carry_out()
+        teller.events()
+        return going, done
+
+    def _phase(self, words: str) -> None:
+        self._publisher.tell("phase", run=self._order.name, words=words)
+
+    def _words(self, preset: str | None) -> str:
+        what = "begun" if self._order.plan is not None else "resumed"
+        words = f"{what} from the page by {self._order.by or 'an operator without a name'}"
+        return words if preset is None else f"{words}; simulated bench, seed {self._order.seed}"

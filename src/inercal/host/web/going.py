@@ -1,0 +1,75 @@
+"""A run's process as the server has it: started, told, heard, stopped.
+
+It is the leader of a session of its own: what becomes of the server, or of the terminal that the
+server was started from, does not reach it.
+"""
+
+import asyncio
+import os
+import signal
+import sys
+from collections.abc import AsyncGenerator
+from contextlib import suppress
+from subprocess import PIPE, Popen
+
+from inercal.host.web.order import Order
+
+_LONGEST = 1 << 20  # bytes of a message
+
+
+class Going:
+    """A run that goes on.
+
+    Parameters
+    ----------
+    order : Order
+    command : sequence of str, optional
+        Starts the process; the worker's unless told.
+    """
+
+    def __init__(self, order: Order, command: tuple[str, ...] = ()):
+        self.order = order
+        python = (sys.executable, "-P", "-m", "inercal.host.web.worker")
+        self._process = Popen(command or python, stdin=PIPE, stdout=PIPE, start_new_session=True)
+        assert self._process.stdin
+        os.set_blocking(self._process.stdin.fileno(), False)
+        self.tell(order.line)
+
+    def tell(self, line: str) -> bool:
+        """Tell the process something; False where it does not hear."""
+        assert self._process.stdin
+        data = f"{line}\n".encode()
+        try:
+            return os.write(self._process.stdin.fileno(), data) == len(data)
+        except OSError:
+            return False
+
+    def stop(self) -> None:
+        """Have the table stopped: the system writes to the watchdog as soon as this is sent."""
+        with suppress(ProcessLookupError):
+            if self._process.poll() is None:
+                os.killpg(self._process.pid, signal.SIGINT)
+
+    async def messages(self) -> AsyncGenerator[tuple[str, str]]:
+        """Yield kind and text of what the process tells, until it tells no more."""
+        assert self._process.stdout
+        reader = asyncio.StreamReader(_LONGEST)
+        protocol = asyncio.StreamReaderProtocol(reader)
+        loop = asyncio.get_running_loop()
+        transport, _ = await loop.connect_read_pipe(lambda: protocol, self._process.stdout)
+        try:
+            while line := await reader.readline():
+                kind, _, text = line.decode("utf-8", "replace").rstrip("\n").partition(" ")
+                yield kind, text
+        except ValueError:
+            return  # a line without an end is none of ours
+        finally:
+            transport.close()
+
+    async def ended(self) -> int:
+        """Return the status of the process, once it has ended."""
+        assert self._process.stdin
+        with suppress(OSError):
+            self._process.stdin.close()
+        # A thread of its own: the process of a run that is stopped may take its time.
+        return await asyncio.to_thread(self._process.wait)

@@ -1,0 +1,250 @@
+"""The run that is shown, and those to whom: what they ask for is judged and done here."""
+
+import asyncio
+import json
+import os
+import signal
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from datetime import datetime
+from pathlib import Path
+
+from inercal.errors import InputError
+from inercal.host.web.asked import Asked
+from inercal.host.web.choice import Choice, Chosen
+from inercal.host.web.going import Going
+from inercal.host.web.kept import Kept
+from inercal.host.web.order import Order, inhabited, noted
+from inercal.host.web.people import People, Viewer
+from inercal.host.web.plans import Plans
+from inercal.host.web.runs import Runs, RunThere
+
+_NAME = 80  # characters of a sensor's name
+_ENDING = 15.0  # s that a process may take to end that has told its end
+_COMMANDS = ("pause", "go on", "abort")
+_OF_OPERATOR = (*_COMMANDS, "start", "resume", "put away")
+POSSIBLE = ("operate", "leave", "stop", *_OF_OPERATOR)
+
+
+class Hub:
+    """What the server has beside its connections.
+
+    Parameters
+    ----------
+    plans : Plans
+    runs : Runs
+    choice : Choice
+    register : str or None
+        Address.
+    speed : float or None
+        Most seconds of a simulated bench in one of the wall's.
+    start : callable, optional
+        Makes an order a run that goes on.
+    """
+
+    def __init__(
+        self,
+        plans: Plans,
+        runs: Runs,
+        choice: Choice,
+        register: str | None = None,
+        speed: float | None = None,
+        start: Callable[[Order], Going] = Going,
+    ):
+        self.plans, self.runs, self.choice = plans, runs, choice
+        self.people = People()
+        self._register, self._speed, self._start = register, speed, start
+        self.going: Going | None = None
+        self._has_told_its_end = False
+        self._kept: Kept | None = None
+        self._relaying: asyncio.Task[None] | None = None
+
+    @property
+    def goes_on(self) -> str | None:
+        """The run that goes on; one that has told its end does not, though its process may."""
+        return None if self.going is None or self._has_told_its_end else self.going.order.name
+
+    def come(self, version: str, browser: str | None) -> Viewer:
+        """Take a viewer in, and tell what there is to tell."""
+        viewer = self.people.come(browser)
+        viewer.send("hello", _text("hello", you=viewer.number, version=version))
+        self._tell_people()
+        if self._kept is None:
+            viewer.send("idle", _text("idle"))
+        else:
+            for text in self._kept.all():
+                viewer.send("kept", text)
+        return viewer
+
+    def go(self, viewer: Viewer) -> None:
+        """Let a viewer go."""
+        self.people.go(viewer)
+        self._tell_people()
+
+    async def do(self, viewer: Viewer, asked: Asked) -> None:
+        """Do what a viewer asks.
+
+        Raises
+        ------
+        InputError
+            Why not, in words.
+        """
+        if asked.get("do") not in POSSIBLE:
+            raise InputError(f'say {{"do": …}}; possible: {", ".join(POSSIBLE)}')
+        what: str = asked["do"]
+        if what in _OF_OPERATOR and not self.people.operates(viewer):
+            raise InputError(f"{what!r} is the operator's; become operator first")
+        match what:
+            case "operate":
+                if (words := self.people.take_seat(viewer, asked.get("name"))) is not None:
+                    raise InputError(words)
+                self._tell_people()
+            case "leave":
+                self.people.leave_seat(viewer)
+                self._tell_people()
+            case "stop":
+                self.stop(asked.get("run"))
+            case "start":
+                await self._begin(asked)
+            case "resume":
+                await self._resume(asked)
+            case "put away":
+                if self.goes_on is not None:
+                    raise InputError("the run goes on")
+                self._put_away()
+            case _:
+                if self.goes_on is None or self.going is None or not self.going.tell(what):
+                    raise InputError("no run goes on")
+
+    def stop(self, name: object = None) -> None:
+        """Have the table stopped at once, of the run that is shown or of one without a page.
+
+        Raises
+        ------
+        InputError
+            No run goes on.
+        """
+        if self.going is not None and name in (None, self.going.order.name):
+            self.going.stop()
+            return
+        run = self.runs.all().get(name) if isinstance(name, str) else None
+        was = noted(run.path) if run is not None else None
+        if run is None or was is None or not inhabited(run.path):
+            raise InputError("no run goes on")
+        with suppress(ProcessLookupError):
+            os.kill(was.process, signal.SIGINT)
+
+    async def over(self, patience: float | None = None) -> None:
+        """Return when no run goes on any more, or after `patience` s."""
+        if self._relaying is not None:
+            await asyncio.wait([self._relaying], timeout=patience)
+
+    async def _begin(self, asked: Asked) -> None:
+        """Begin a run as asked."""
+        chosen = self.choice.chosen(asked.get("table"), asked.get("imu"))
+        plans = await asyncio.to_thread(self.plans.all)
+        await self._require_idle()
+        name = asked.get("plan")
+        plan = plans.get(name) if isinstance(name, str) else None
+        if plan is None:
+            raise InputError(f"no plan {name!r}; look at the list again")
+        if plan.shown["trouble"]:
+            raise InputError(plan.shown["trouble"])
+        self._go(self._order(_free(self.runs.folder, plan.path.stem), chosen, asked, plan.path))
+
+    async def _resume(self, asked: Asked) -> None:
+        """Go on with an interrupted run as asked."""
+        runs = await self._require_idle()
+        name = asked.get("run")
+        run = runs.get(name) if isinstance(name, str) else None
+        if run is None or run.state not in ("interrupted", "carried out"):
+            raise InputError(f"no interrupted run {name!r}; look at the list again")
+        table, imu = asked.get("table"), asked.get("imu")
+        as_before = table is None and imu is None
+        chosen = Chosen("", "") if as_before else self.choice.chosen(table, imu)
+        self._go(self._order(run.path, chosen, asked, None))
+
+    async def _require_idle(self) -> Mapping[str, RunThere]:
+        """Return the runs there are, none of which goes on."""
+        if self._has_told_its_end:
+            await self.over(_ENDING)
+        runs = await asyncio.to_thread(self.runs.all)
+        if self.going is not None:
+            raise InputError("a run goes on")
+        if name := next((n for n, one in runs.items() if one.state == "running"), None):
+            raise InputError(f"the run {name} goes on, without this page: stop it, or wait")
+        return runs
+
+    def _order(self, folder: Path, chosen: Chosen, asked: Asked, plan: Path | None) -> Order:
+        sensor = asked.get("sensor") if plan is not None else None
+        if sensor is not None and not _is_name(sensor):
+            raise InputError(f"sensor: give a name of 1 to {_NAME} characters")
+        return Order(
+            str(folder.absolute()),
+            None if plan is None else str(plan.absolute()),
+            sensor,
+            self.people.operator or "",
+            chosen.table,
+            chosen.imu,
+            chosen.clock,
+            chosen.simulated,
+            self._speed,
+            self._register,
+        )
+
+    def _go(self, order: Order) -> None:
+        self._kept, self._has_told_its_end = Kept(), False
+        self.going = self._start(order)
+        self._relaying = asyncio.create_task(self._relay(self.going, self._kept))
+
+    async def _relay(self, going: Going, kept: Kept) -> None:
+        """Hand on what a run tells, until it tells no more."""
+        async for kind, text in going.messages():
+            self._has_told_its_end |= kind == "done"
+            kept.keep(kind, text)
+            self._tell(kind, text)
+        status = await going.ended()
+        self.going = None
+        if not self._has_told_its_end:
+            words = (
+                f"the run's process has ended (status {status}); the watchdog brings the table to "
+                "rest, and the run can be resumed"
+            )
+            none = dict.fromkeys(("report", "calibration", "history", "verdict"))
+            text = _text("done", run=going.order.name, state="interrupted", words=words, **none)
+            kept.keep("done", text)
+            self._tell("done", text)
+
+    def _put_away(self) -> None:
+        self._kept = None
+        self._tell("idle", _text("idle"))
+
+    def _tell(self, kind: str, text: str) -> None:
+        for viewer in self.people.viewers.values():
+            viewer.send(kind, text)
+
+    def _tell_people(self) -> None:
+        people = self.people
+        for viewer in people.viewers.values():
+            yours, count = people.operates(viewer), len(people.viewers)
+            operator = people.operator
+            text = _text("people", viewers=count, operator=operator, yours=yours)
+            viewer.send("people", text)
+
+
+def _free(runs: Path, stem: str) -> Path:
+    """Return a new name for a folder."""
+    name = f"{stem}-{datetime.now():%Y%m%d-%H%M%S}"
+    made, count = runs / name, 1
+    while made.exists():
+        count += 1
+        made = runs / f"{name}-{count}"
+    return made
+
+
+def _is_name(text: object) -> bool:
+    return isinstance(text, str) and 0 < len(text.strip()) <= _NAME and text.isprintable()
+
+
+def _text(kind: str, **content: object) -> str:
+    return json.dumps({"kind": kind, **content}, ensure_ascii=False)

@@ -1,0 +1,61 @@
+"""What somebody who comes late is told of a run: all that a page shows of it."""
+
+from collections import deque
+from collections.abc import Generator
+
+_ESTIMATES, _EVENTS = 600, 500
+_SAMPLES = 100  # messages: some ten a second
+
+
+class Kept:
+    """The messages of one run that still count, as they came."""
+
+    def __init__(self):
+        self._last: dict[str, str] = {}  # by kind, of which only the latest counts
+        self._phase_is_news = False
+        self._estimates: list[str] = []
+        self._seen, self._stride = 0, 1
+        self._samples: deque[str] = deque(maxlen=_SAMPLES)
+        self._events: deque[str] = deque(maxlen=_EVENTS)
+
+    def keep(self, kind: str, text: str) -> None:
+        """Keep a message in so far as it counts."""
+        match kind:
+            case "samples":
+                self._samples.append(text)
+            case "event":
+                self._events.append(text)
+            case "estimates":
+                self._thin(text)
+                self._last[kind] = text
+            case _:
+                self._last[kind] = text
+                if kind in ("phase", "state"):
+                    self._phase_is_news = kind == "phase"
+
+    def all(self) -> Generator[str]:
+        """Yield what is kept, in the order in which a page can take it."""
+        if "plan" in self._last:
+            yield self._last["plan"]
+        if "phase" in self._last and not self._phase_is_news:
+            yield self._last["phase"]
+        yield from self._estimates
+        if self._estimates and self._last["estimates"] != self._estimates[-1]:
+            yield self._last["estimates"]
+        yield from self._samples
+        yield from self._events
+        if "state" in self._last:
+            yield self._last["state"]
+        if self._phase_is_news:
+            yield self._last["phase"]
+        if "done" in self._last:
+            yield self._last["done"]
+
+    def _thin(self, text: str) -> None:
+        """Keep every so many estimates, evenly over the run."""
+        if self._seen % self._stride == 0:
+            self._estimates.append(text)
+        self._seen += 1
+        if len(self._estimates) >= _ESTIMATES:
+            self._estimates = self._estimates[::2]
+            self._stride *= 2

@@ -1,0 +1,165 @@
+"""What a run's process is told when it starts, and what of it stays in the run's folder."""
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+from zlib import crc32
+
+import tomlkit
+
+from inercal.errors import InputError
+from inercal.host.folder import LOG
+from inercal.host.journal import Journal
+from inercal.host.log import driven, lock
+
+NOTE = "run.page.json"
+
+
+@dataclass(frozen=True)
+class Order:
+    """A run to be begun or to go on.
+
+    Parameters
+    ----------
+    folder : str
+        Of the run.
+    plan : str or None
+        The run file; None where the run in the folder goes on.
+    sensor : str or None
+        Its name, where it is not the run file's.
+    by : str
+        Who wants it.
+    table, imu, clock : str
+        Addresses; empty where they are as before.
+    simulated : str or None
+        Preset of the packets of a bench that is simulated for the run.
+    speed : float or None
+        Most seconds of a simulated bench in one of the wall's.
+    register : str or None
+        Its address.
+    """
+
+    folder: str
+    plan: str | None = None
+    sensor: str | None = None
+    by: str = ""
+    table: str = ""
+    imu: str = ""
+    clock: str = ""
+    simulated: str | None = None
+    speed: float | None = None
+    register: str | None = None
+
+    @property
+    def line(self) -> str:
+        """The order as a line of JSON."""
+        return json.dumps(asdict(self))
+
+    @classmethod
+    def of(cls, line: str) -> "Order":
+        """Return what a line says.
+
+        Raises
+        ------
+        InputError
+            It is no order.
+        """
+        try:
+            return cls(**json.loads(line))
+        except (TypeError, ValueError):
+            raise InputError(f"{line[:80]!r} is no order for a run") from None
+
+    @property
+    def name(self) -> str:
+        """What the run is called: its folder's name."""
+        return Path(self.folder).name
+
+    @property
+    def seed(self) -> int:
+        """Of a simulated bench: that of a run stays the same, another's is another."""
+        return crc32(self.name.encode())
+
+
+class Note(NamedTuple):
+    """What a run's process leaves in the folder.
+
+    Parameters
+    ----------
+    process : int
+        Its number, as long as `inhabited` says so.
+    simulated : str or None
+        As of `Order`.
+    """
+
+    process: int
+    simulated: str | None
+
+
+def note(folder: Path, simulated: str | None) -> int:
+    """Write the note, and return a descriptor that keeps it locked until the process ends.
+
+    Raises
+    ------
+    InputError
+        Another process has it locked, or it cannot be written.
+    """
+    path = folder / NOTE
+    content = json.dumps(Note(os.getpid(), simulated)._asdict()).encode()
+    try:
+        file = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        lock(file)
+        os.ftruncate(file, 0)
+        os.write(file, content)
+    except BlockingIOError:
+        raise InputError(f"{folder}: another process drives this run") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+    return file
+
+
+def noted(folder: Path) -> Note | None:
+    """Return the note; None where there is none."""
+    try:
+        content: Mapping[str, Any] = json.loads((folder / NOTE).read_bytes())
+        return Note(int(content["process"]), content["simulated"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def inhabited(folder: Path) -> bool:
+    """Tell whether a process, that of a page or another host, drives the run in a folder."""
+    return driven(folder / NOTE) or driven(folder / LOG)
+
+
+def renamed(path: Path, sensor: str) -> bytes:
+    """Return a run file with another name of the sensor, and all else as it is written.
+
+    Raises
+    ------
+    InputError
+        It cannot be read.
+    """
+    try:
+        document: Any = tomlkit.parse(path.read_text(encoding="utf-8"))
+        document["sensor"]["name"] = sensor
+        return tomlkit.dumps(document).encode()
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError(f"{path}: the sensor cannot be named: {error}") from None
+
+
+def state_of(folder: Path) -> str:
+    """Return how far the run in a folder is: a state of `Header`, "running" only if it does.
+
+    Raises
+    ------
+    InputError
+        There is no run, or its journal cannot be read.
+    """
+    with Journal(folder / "run.journal") as journal:
+        state = journal.header().state
+    if inhabited(folder):
+        return "running"
+    return "interrupted" if state == "running" else state

@@ -1,0 +1,101 @@
+"""Who looks on, and which of them operates."""
+
+import asyncio
+from time import monotonic
+
+from inercal.host.web.lanes import Lanes
+from inercal.host.web.publish import PICTURES
+
+MOST = 32  # viewers
+_GONE = 10.0  # s that an operator's place is kept
+_NAME = 40  # characters
+
+
+class Viewer:
+    """Somebody who looks on.
+
+    Parameters
+    ----------
+    number : int
+    browser : str or None
+        Which browser it is, where that has said so before.
+    """
+
+    def __init__(self, number: int, browser: str | None):
+        self.number, self.browser = number, browser
+        self._lanes: Lanes[str] = Lanes()
+        self._news = asyncio.Event()
+
+    def send(self, kind: str, text: str) -> None:
+        """Have a message sent; pictures give way to later ones where it cannot be at once."""
+        self._lanes.put(text, sure=kind not in PICTURES)
+        self._news.set()
+
+    async def next(self) -> str:
+        """Return what is to be sent next, once there is something."""
+        while (text := self._lanes.take()) is None:
+            self._news.clear()
+            await self._news.wait()
+        return text
+
+
+class People:
+    """Those who look on. One of them may operate, and whoever is gone keeps that for a while."""
+
+    def __init__(self):
+        self.viewers: dict[int, Viewer] = {}
+        self._count = 0
+        self._seat: tuple[str, int, str | None] | None = None  # name, viewer, browser
+        self._gone = 0.0
+
+    @property
+    def full(self) -> bool:
+        """Nobody else can look on."""
+        return len(self.viewers) >= MOST
+
+    @property
+    def operator(self) -> str | None:
+        """The name of who operates."""
+        return self._seat[0] if self._seat is not None else None
+
+    def come(self, browser: str | None) -> Viewer:
+        """Take somebody in; an operator who was gone for a moment operates again."""
+        self._count += 1
+        viewer = Viewer(self._count, browser)
+        self.viewers[viewer.number] = viewer
+        if self._seat is not None and self._seat[1] not in self.viewers:
+            name, _, was = self._seat
+            if was is not None and was == browser:
+                self._seat = name, viewer.number, browser
+        return viewer
+
+    def go(self, viewer: Viewer) -> None:
+        """Let somebody go."""
+        self.viewers.pop(viewer.number, None)
+        if self.operates(viewer):
+            self._gone = monotonic()
+
+    def operates(self, viewer: Viewer) -> bool:
+        """Tell whether somebody is the operator."""
+        return self._seat is not None and self._seat[1] == viewer.number
+
+    def is_operators(self, browser: str | None) -> bool:
+        """Tell whether a browser is that of the operator."""
+        return self._seat is not None and browser is not None and self._seat[2] == browser
+
+    def take_seat(self, viewer: Viewer, name: object) -> str | None:
+        """Let somebody operate; return in words why not."""
+        if self._seat is not None and not self.operates(viewer):
+            there = self._seat[1] in self.viewers
+            if there or monotonic() - self._gone < _GONE:
+                return f"{self._seat[0]} operates" + ("" if there else ", and may be back")
+        plain = " ".join(name.split()) if isinstance(name, str) else ""
+        if not plain or len(plain) > _NAME or not plain.isprintable():
+            return f"give a name of 1 to {_NAME} characters"
+        self._seat = plain, viewer.number, viewer.browser
+        return None
+
+    def leave_seat(self, viewer: Viewer) -> None:
+        """Let nobody operate, if that one did."""
+        if self.operates(viewer):
+            self._seat = None

@@ -1,0 +1,138 @@
+"""A run in the units and words of the page: its plan, its state, its samples.
+
+Numbers are rounded to what a page can show; one that is not known is null.
+"""
+
+from collections.abc import Sequence
+from math import degrees, isfinite
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches.turntable import Turntable
+from inercal.benches.turntable_attitude import reference
+from inercal.host.drivers.table import AxisState
+from inercal.host.run import BenchRun
+from inercal.host.tasks import tasks
+from inercal.runfile import Run
+
+Array = NDArray[np.float64]
+_ZERO = 273.15  # K
+_DIGITS = 7
+
+
+def plan(run: Run, bench: Turntable) -> dict[str, Any]:
+    """Return what is known of a run before anything moves."""
+    sensor, steps = run.sensor, tasks(bench, run.table_steps)
+    coefficients = [(name, sensor.coefficient(name)) for name in sensor.coefficients]
+    measures = {axis.name: axis.measures for axis in sensor.axes}
+    return {
+        "sensor": sensor.name,
+        "plan": run.path.name,
+        "seconds": sum(one.approach + one.seconds for one in steps),
+        "axes": list(bench.names),
+        "channels": [
+            {"name": axis.name, "measures": axis.measures, "unit": axis.readout.unit}
+            for axis in sensor.axes
+        ],
+        "steps": [
+            {"label": one.label, "what": "turn" if one.rate else "hold", "seconds": one.seconds}
+            for one in steps
+        ],
+        "coefficients": [
+            {
+                "name": name,
+                "axis": name.partition(".")[0],
+                "own": line.name,
+                "measures": measures[name.partition(".")[0]],
+                "unit": line.unit,
+            }
+            for name, line in coefficients
+        ],
+    }
+
+
+def state(run: BenchRun, bench: Turntable, angles: Array | None) -> dict[str, Any]:
+    """Return how a run stands.
+
+    Parameters
+    ----------
+    run : BenchRun
+    bench : Turntable
+    angles : (k,) array or None
+        The table's, rad, at the time of the run's navigation.
+    """
+    seen, tally = run.state, run.account.assembly.tally
+    remaining = run.sequencer.remaining(seen.time) if seen is not None else None
+    table = None
+    if seen is not None:
+        axes = [_axis(axis) for axis in seen.axes]
+        table = {"time": number(seen.time), "axes": axes}
+    counts = tally.bytes
+    return {
+        "time": number(run.time),
+        "phase": run.sequencer.phase,
+        "paused": run.paused,
+        "trouble": run.trouble,
+        "step": run.sequencer.number,
+        "done": run.sequencer.number,
+        "remaining": number(remaining),
+        "speed": number(run.speed, 3),
+        "table": table,
+        "imu": {
+            "packets": counts.packets,
+            "lost": counts.lost,
+            "failed": counts.failed,
+            "thrown": counts.thrown,
+            "samples": tally.samples,
+            "no_angle": tally.no_angle,
+            "temperature": number(run.account.temperature - _ZERO, 4),
+        },
+        "attitude": _attitude(run, bench, angles),
+    }
+
+
+def samples(time: Array, output: Array, every: int) -> dict[str, Any]:
+    """Return samples, (n,) s and (n, m) in output units, or means of `every` of them each."""
+    return {
+        "t": [round(t, 4) for t in time.tolist()],
+        "y": [[number(y, 6) for y in column] for column in output.T.tolist()],
+        "every": every,
+    }
+
+
+def number(value: float | None, digits: int = _DIGITS) -> float | None:
+    """Return a number of so many digits; None for one that is not known."""
+    return float(f"{value:.{digits}g}") if value is not None and isfinite(value) else None
+
+
+def numbers(values: Sequence[float] | Array) -> list[float | None]:
+    """Return many of them."""
+    return [number(float(value)) for value in values]
+
+
+def _axis(axis: AxisState) -> dict[str, Any]:
+    return {
+        "angle": number(degrees(axis.angle), 9),
+        "rate": number(degrees(axis.rate)),
+        "error": number(3600 * degrees(axis.following_error), 4),
+        "state": ", ".join(axis.faults)
+        or ("off" if not axis.enabled else "turns" if axis.moving else "holds"),
+        "fault": bool(axis.faults),
+    }
+
+
+def _attitude(run: BenchRun, bench: Turntable, angles: Array | None) -> dict[str, Any] | None:
+    at, live = run.account.navigation, run.account.live
+    if at is None or live is None or not live.begun or angles is None:
+        return None
+    return {
+        "table": numbers(reference(bench, angles[None, :])[0].ravel()),
+        "navigation": numbers(at.attitude.ravel()),
+        "roll": number(at.roll),
+        "pitch": number(at.pitch),
+        "heading": number(at.heading),
+        "apart": numbers(at.apart),
+        "velocity": numbers(at.velocity),
+    }

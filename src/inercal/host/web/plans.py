@@ -1,0 +1,94 @@
+"""The plans there are to choose from: run files of one folder, and that of the demonstration."""
+
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from inercal.benches.turntable import Turntable
+from inercal.errors import InputError
+from inercal.host.record import require_recordable
+from inercal.host.tasks import tasks
+from inercal.runfile import read
+from inercal.runfile.schema import RunSchema
+
+_SECTIONS = frozenset(RunSchema.model_fields)
+_DEMO = "demo"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A run file that may be a plan.
+
+    Parameters
+    ----------
+    path : Path
+    shown : dict
+        What the page is told of it; `trouble` says why it can be none.
+    """
+
+    path: Path
+    shown: dict[str, Any]
+
+
+class Plans:
+    """The run files of a folder, read again where they have changed.
+
+    Parameters
+    ----------
+    folder : Path
+    """
+
+    def __init__(self, folder: Path):
+        self._folder = folder
+        self._read: dict[Path, tuple[tuple[int, int], Plan | None]] = {}
+
+    def all(self) -> dict[str, Plan]:
+        """Return the plans by their names."""
+        found = {path.stem: path for path in sorted(self._folder.glob("*.toml"))}
+        found.setdefault(_DEMO, Path(str(files("inercal").joinpath("demo.toml"))))
+        made: dict[str, Plan] = {}
+        for name, path in found.items():
+            if (plan := self._plan(name, path)) is not None:
+                made[name] = plan
+        return made
+
+    def _plan(self, name: str, path: Path) -> Plan | None:
+        try:
+            status = path.stat()
+        except OSError:
+            return None
+        now = status.st_mtime_ns, status.st_size
+        was, plan = self._read.get(path, (None, None))
+        if was != now:
+            plan = _plan(name, path)
+            self._read[path] = now, plan
+        return plan
+
+
+def _plan(name: str, path: Path) -> Plan | None:
+    """Return what a file is as a plan; None for one that is no run file at all."""
+    shown: dict[str, Any] = {
+        "id": name, "file": path.name, "sensor": "", "steps": 0, "seconds": 0.0, "method": "",
+        "trouble": "",
+    }  # fmt: skip
+    try:
+        run = read(path)
+        shown |= {"sensor": run.sensor.name, "method": run.method.name}
+        require_recordable(run)
+        assert isinstance(run.bench, Turntable)
+        steps = tasks(run.bench, run.table_steps)
+    except InputError as error:
+        return Plan(path, shown | {"trouble": str(error)}) if _is_meant(path) else None
+    seconds = sum(one.approach + one.seconds for one in steps)
+    return Plan(path, shown | {"steps": len(steps), "seconds": round(seconds, 3)})
+
+
+def _is_meant(path: Path) -> bool:
+    """Tell whether a file that is no good plan is meant to be a run file, as far as one sees."""
+    import tomllib
+
+    try:
+        return bool(_SECTIONS & tomllib.loads(path.read_text(encoding="utf-8")).keys())
+    except (OSError, ValueError):
+        return True

@@ -1,0 +1,75 @@
+"""What a run tells the server: JSON lines, written by a thread that alone waits for the reader.
+
+A line is the kind of the message, a space, and the message, so that the server need not read it. A
+reader that is slow misses pictures; one that is gone is told nothing any more. Neither keeps the
+run waiting.
+"""
+
+import json
+import os
+from collections.abc import Mapping
+from threading import Condition, Thread
+from time import monotonic
+
+from inercal.host.web.lanes import Lanes
+
+PICTURES = frozenset(("state", "samples", "estimates"))  # later ones say what these did
+
+
+class Publisher:
+    """Writes messages to a descriptor; as a context manager it closes with the context.
+
+    Parameters
+    ----------
+    descriptor : int
+        Written to, and left open.
+    """
+
+    def __init__(self, descriptor: int):
+        self._descriptor = descriptor
+        self._lanes: Lanes[tuple[str, Mapping[str, object]]] = Lanes()
+        self._changed = Condition()
+        self._over = self._written = False
+        Thread(target=self._write, name="publisher", daemon=True).start()
+
+    def tell(self, kind: str, **content: object) -> None:
+        """Have a message written, if somebody reads; never waits."""
+        with self._changed:
+            if not self._over:
+                self._lanes.put((kind, content), sure=kind not in PICTURES)
+                self._changed.notify_all()
+
+    def close(self, patience: float = 5.0) -> None:
+        """Wait until all is written, or `patience` s; a second time does nothing."""
+        with self._changed:
+            self._over = True
+            self._changed.notify_all()
+            end = monotonic() + patience
+            while not self._written and (left := end - monotonic()) > 0:
+                self._changed.wait(left)
+
+    def _write(self) -> None:
+        while (message := self._next()) is not None:
+            kind, content = message
+            told = json.dumps({"kind": kind, **content}, ensure_ascii=False, allow_nan=False)
+            line = f"{kind} {told}\n".encode()
+            try:
+                while line:
+                    line = line[os.write(self._descriptor, line) :]
+            except OSError:  # nobody reads any more
+                break
+        with self._changed:
+            self._over = self._written = True
+            self._changed.notify_all()
+
+    def _next(self) -> tuple[str, Mapping[str, object]] | None:
+        with self._changed:
+            while (message := self._lanes.take()) is None and not self._over:
+                self._changed.wait()
+            return message
+
+    def __enter__(self) -> "Publisher":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

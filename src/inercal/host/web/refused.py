@@ -1,0 +1,73 @@
+"""What was refused, a line each on standard error, however fast it comes."""
+
+import logging
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from time import monotonic
+
+_BURST, _A_SECOND = 20.0, 2.0  # lines
+_LONGEST = 300  # characters
+
+
+def plain(text: str) -> str:
+    r"""Return text on one line, control characters escaped: who asks may write anything.
+
+    >>> plain("a\nb\x1b[2J")
+    'a\\nb\\x1b[2J'
+    """
+    made = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+    return made if len(made) <= _LONGEST else f"{made[:_LONGEST]}…"
+
+
+class Refused:
+    """Says what was refused; where that is too much, how many more there were.
+
+    Parameters
+    ----------
+    write : callable, optional
+        Takes a line; standard error unless told.
+    now : callable, optional
+        Returns s.
+    """
+
+    def __init__(
+        self, write: Callable[[str], None] | None = None, now: Callable[[], float] = monotonic
+    ):
+        self._write, self._now = write or _to_standard_error, now
+        self._tokens, self._at = _BURST, now()
+        self._unsaid = 0
+
+    def __call__(self, who: object, words: str) -> None:
+        """Say that somebody was refused something."""
+        at = self._now()
+        self._tokens = min(_BURST, self._tokens + _A_SECOND * (at - self._at))
+        self._at = at
+        if self._tokens < 1:
+            self._unsaid += 1
+            return
+        self._tokens -= 1
+        if self._unsaid:
+            self._write(f"inercal: refused: {self._unsaid} more, unsaid")
+            self._unsaid = 0
+        self._write(f"inercal: refused: {plain(str(who))}: {plain(words)}")
+
+
+class Handler(logging.Handler):
+    """Says what the web server refuses by itself; a failure of ours it shows whole."""
+
+    def __init__(self, refused: Refused):
+        super().__init__(logging.WARNING)
+        self._refused = refused
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Say one record."""
+        if record.exc_info and record.levelno >= logging.ERROR and "ASGI" in record.getMessage():
+            _to_standard_error(logging.Formatter().format(record))
+        else:
+            self._refused("web server", record.getMessage())
+
+
+def _to_standard_error(line: str) -> None:
+    with suppress(OSError):  # the terminal may be gone
+        print(line, file=sys.stderr, flush=True)

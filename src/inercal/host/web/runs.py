@@ -1,0 +1,106 @@
+"""The runs of one folder, whoever made them, and their entry in the register."""
+
+import tomllib
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from inercal.errors import InercalError, InputError
+from inercal.host.folder import JOURNAL
+from inercal.host.journal import Journal
+from inercal.host.web.order import inhabited
+from inercal.store import Register
+
+
+class RunThere(NamedTuple):
+    """A run in a folder.
+
+    Parameters
+    ----------
+    path : Path
+    stem : str
+        Of its run file, and of what was made.
+    shown : dict
+        What the page is told of it.
+    """
+
+    path: Path
+    stem: str
+    shown: dict[str, Any]
+
+    @property
+    def state(self) -> str:
+        """As of a journal's header, and "running" only where a process drives it."""
+        return self.shown["state"]
+
+    def made(self, kind: str) -> Path:
+        """Return a file that was made of the run: "report.html", "calibration.json"."""
+        return self.path / f"{self.stem}.{kind}"
+
+
+class Runs:
+    """The runs that lie in a folder.
+
+    Parameters
+    ----------
+    folder : Path
+    """
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+
+    def all(self) -> dict[str, RunThere]:
+        """Return them by the names of their folders, the latest first."""
+        found: list[RunThere] = []
+        for journal in self.folder.glob(f"*/{JOURNAL}"):
+            try:
+                found.append(_run(journal.parent))
+            except InputError:
+                continue  # a journal of another version, or none
+        found.sort(key=lambda one: one.shown["begun"], reverse=True)
+        return {one.path.name: one for one in found}
+
+    def enter(self, register: str | None) -> list[str]:
+        """Put all runs that nobody drives into the register; return in words what fails.
+
+        Raises
+        ------
+        InercalError
+            The register cannot be opened.
+        """
+        from inercal.host.entering import enter
+
+        troubles: list[str] = []
+        with Register(register) as opened:
+            for name, one in self.all().items():
+                if one.state == "running":
+                    continue
+                try:
+                    enter(opened, one.path)
+                except InercalError as error:
+                    troubles.append(f"{name}: {error}")
+        return troubles
+
+
+def _run(path: Path) -> RunThere:
+    with Journal(path / JOURNAL) as journal:
+        header = journal.header()
+    driven = inhabited(path)
+    state = "running" if driven else "interrupted" if header.state == "running" else header.state
+    stem = Path(header.run_file).stem
+    shown = {
+        "id": path.name,
+        "sensor": _sensor(path / header.run_file),
+        "begun": header.begun,
+        "state": state,
+        "report": (path / f"{stem}.report.html").is_file(),
+    }
+    return RunThere(path, stem, shown)
+
+
+def _sensor(run_file: Path) -> str:
+    """Return the name of the sensor, without reading all else."""
+    try:
+        content: Any = tomllib.loads(run_file.read_text(encoding="utf-8"))
+        return str(content["sensor"]["name"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return ""

@@ -1,0 +1,75 @@
+"""Coefficients over time: values with ±U, the straight line through them, and what stands out."""
+# matplotlib's stubs leave **kwargs untyped.
+# pyright: reportUnknownMemberType=false
+
+from collections.abc import Sequence
+from datetime import datetime
+
+import numpy as np
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+from numpy.typing import NDArray
+
+from inercal.calibration.verdict import COVERAGE
+from inercal.report import drawing
+from inercal.report.drawing import BAND, FAINT, INK, MUTED, PAPER, WARN, Z, svg
+from inercal.store import History
+from inercal.store.changes import YEAR
+from inercal.store.history import Course
+
+Array = NDArray[np.float64]
+_HEIGHT, _BELOW = 1.3, 0.4  # inches
+_COLUMNS = 2
+_PAD = 0.04  # of the time that is shown
+_LEAST = 30.0  # days to both sides
+_DAY = 86_400.0  # s; times of a figure are in days since 1970
+_YEAR = YEAR / _DAY
+
+
+@drawing.style
+def courses(history: History, found: Sequence[Course], name: str) -> Markup:
+    """Return the courses of one axis, one panel each.
+
+    Parameters
+    ----------
+    history : History
+    found : sequence of Course
+    name : str
+        Of the figure; another one of the page has another name.
+    """
+    lines = -(-len(found) // _COLUMNS)
+    figure, rows = drawing.panels(_HEIGHT, [_BELOW] * lines, _COLUMNS)
+    panels = [axes for row in rows for axes in row]
+    times = (datetime.fromisoformat(history.entries[k].measured) for k in (0, -1))
+    first, last = (time.timestamp() / _DAY for time in times)
+    room = max(_PAD * (last - first), _LEAST)
+    for axes, course in zip(panels, found, strict=False):
+        _panel(axes, course, first)
+        axes.set_xlim(first - room, last + room)
+        locator = AutoDateLocator(minticks=3, maxticks=7)
+        axes.xaxis.set_major_locator(locator)
+        axes.xaxis.set_major_formatter(ConciseDateFormatter(locator, show_offset=False))
+    for axes in panels[len(found) :]:
+        axes.set_axis_off()
+    told = "; ".join(f"{one.name} {one.verdict}" for one in found)
+    return svg(figure, name, f"Coefficients over time with expanded uncertainties: {told}")
+
+
+def _panel(axes: Axes, course: Course, first: float) -> None:
+    time = first + course.time * _YEAR
+    value, reach = course.values / course.si, COVERAGE * course.std / course.si
+    if (line := course.line) is not None:
+        at: Array = np.linspace(float(course.time[0]), float(course.time[-1]), 50)
+        middle, std = (one / course.si for one in line.at(at))
+        days = first + at * _YEAR
+        axes.fill_between(days, middle - COVERAGE * std, middle + COVERAGE * std, color=BAND, lw=0)
+        axes.plot(days, middle, "-" if line.drifts else "--", color=Z, lw=1.1)
+    axes.errorbar(time, value, reach, fmt="none", ecolor=MUTED, elinewidth=0.9, capsize=2.2)
+    beyond = np.abs(course.normalised) > 1
+    axes.plot(time[~beyond], value[~beyond], "o", ms=3.6, mfc=INK, mec=INK, mew=0)
+    # Another shape, open and larger: to be told without colour too.
+    axes.plot(time[beyond], value[beyond], "D", ms=6.0, mfc=PAPER, mec=WARN, mew=1.5, zorder=3)
+    axes.grid(axis="y", color=FAINT, lw=0.3)
+    axes.set_axisbelow(True)
+    axes.set_title(f"{course.name}, {course.unit}: {course.verdict}")

@@ -1,0 +1,107 @@
+"""Where a register is: a file of SQLite, or a database of a PostgreSQL server."""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from sqlalchemy import URL, make_url
+from sqlalchemy.exc import ArgumentError
+
+from inercal.errors import InputError
+
+VARIABLE = "INERCAL_REGISTER"
+DEFAULT = "default"
+_SQLITE = "sqlite:///"
+_SERVERS = ("postgresql", "postgres", "postgresql+psycopg")
+_SECRETS = ("password", "sslpassword")
+_POSSIBLE = "a path, sqlite:///PATH or postgresql://USER@HOST/DATABASE"
+
+
+@dataclass(frozen=True)
+class Address:
+    """Where a register is.
+
+    Parameters
+    ----------
+    url : URL
+        As SQLAlchemy takes it.
+    file : Path or None
+        Of SQLite, absolute.
+    shown : str
+        To be printed: it holds no password.
+    """
+
+    url: URL
+    file: Path | None
+    shown: str
+
+
+def address_of(text: str | None = None) -> Address:
+    """Return where a register is.
+
+    Parameters
+    ----------
+    text : str, optional
+        A path, "sqlite:///PATH" or "postgresql://USER@HOST/DATABASE". None or "default" is what
+        $INERCAL_REGISTER says, else inercal/register.db in $XDG_DATA_HOME or ~/.local/share, whose
+        folder is made.
+
+    Raises
+    ------
+    InputError
+        An address of another kind, or the folder cannot be made.
+    """
+    if text in (None, DEFAULT):
+        text = os.environ.get(VARIABLE) or None
+    if text is None:
+        return _in_file(_usual())
+    scheme, mark, _ = text.partition("://")
+    if not mark:
+        return _in_file(Path(text))
+    if text.startswith(_SQLITE) and text != _SQLITE:
+        return _in_file(Path(text.removeprefix(_SQLITE)))
+    if scheme in _SERVERS:
+        return _on_server(text)
+    raise InputError(f"a register's address that begins with {scheme}://: give {_POSSIBLE}")
+
+
+def _usual() -> Path:
+    own = os.environ.get("XDG_DATA_HOME", "")
+    try:
+        # A relative path in that variable counts for nothing (XDG Base Directory Specification).
+        folder = Path(own) if os.path.isabs(own) else Path.home() / ".local" / "share"
+        path = folder / "inercal" / "register.db"
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except (OSError, RuntimeError) as error:
+        raise InputError(
+            f"the register's folder cannot be made: {error}; name another by --register or "
+            f"${VARIABLE}"
+        ) from None
+    return path
+
+
+def _in_file(path: Path) -> Address:
+    if not str(path) or path == Path():
+        raise InputError(f"a register's address is empty: give {_POSSIBLE}")
+    file = Path(os.path.abspath(path.expanduser()))
+    # Not read from a text: a path may hold any character.
+    return Address(URL.create("sqlite+pysqlite", database=str(file)), file, f"{_SQLITE}{file}")
+
+
+def _on_server(text: str) -> Address:
+    # Nothing of a text that cannot be read is printed: a password may stand anywhere in it.
+    refusal = InputError(
+        "the address of a PostgreSQL register cannot be read: write "
+        "postgresql://USER:PASSWORD@HOST:PORT/DATABASE, %40 for @, %2F for / and %3A for : in a "
+        "password"
+    )
+    try:
+        url = make_url(text)
+    except (ArgumentError, ValueError):
+        raise refusal from None
+    if "@" in (url.host or ""):
+        raise refusal
+    hidden = url.set(drivername="postgresql").update_query_dict(
+        dict.fromkeys((name for name in _SECRETS if name in url.query), "***")
+    )
+    return Address(url.set(drivername="postgresql+psycopg"), None, hidden.render_as_string())

@@ -1,0 +1,200 @@
+"""Whether a coefficient changed between calibrations, and how it drifts.
+
+Between two calibrations, the normalised error of ISO/IEC 17043:2010 (B.4.1.1) and ISO 13528:2022
+(9.7), here of the later beyond the earlier::
+
+    E_n = (x₂ − x₁) / √(U₁² + U₂²),   U = 2 u  (GUM 6.2.1)
+
+|E_n| ≤ 1 is not called a change. Where nothing changed, 4.55 % of them exceed 1 by chance, one in
+22: of many coefficients together the joint test is asked too, with all covariances::
+
+    χ² = dᵀ (C₁ + C₂)⁺ d,   d = x₂ − x₁
+
+with as many degrees of freedom as C₁ + C₂ has rank.
+
+Through a history, at times t, the straight line of least weighted squares about the weighted mean
+time t̄, w = 1/u² (GUM H.3, with weights)::
+
+    b = Σ w (t − t̄) x / Σ w (t − t̄)²,   u²(b) = 1 / Σ w (t − t̄)²
+
+Where the χ² of the line exceeds its 95 % bound, its uncertainties are scaled by the Birge ratio
+√(χ²/ν). The χ² of constancy is that about the weighted mean.
+
+All of it takes the errors of different calibrations as independent. Those that they share, of one
+bench above all, cancel in a difference, but are counted in each u: |E_n| comes out smaller than it
+is then, χ² too, and U(b) larger. Chance calls fewer changes than one in 22, and a change must
+be larger to be seen.
+"""
+
+# scipy has no type stubs.
+# pyright: reportMissingTypeStubs=false
+
+from math import erfc, sqrt
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaincc, gammainccinv
+
+from inercal.calibration.verdict import COVERAGE
+
+Array = NDArray[np.float64]
+Verdict = Literal["steady", "drifts", "changed", "too few"]
+BY_CHANCE = erfc(COVERAGE / sqrt(2))
+"""Part of all |E_n| that exceed 1 where nothing changed, 0.0455."""
+YEAR = 31_557_600.0  # s, of 365.25 days (Julian year)
+_BOUND = 0.05  # probability beyond which χ² asks for the Birge ratio
+_FEWEST = 3  # of a line
+_RANK = 1e-9  # of the largest eigenvalue of the scaled covariance
+
+
+def normalised(difference: Array, first: Array, second: Array) -> Array:
+    """Return E_n of differences.
+
+    Parameters
+    ----------
+    difference : (...,) array
+        Later minus earlier.
+    first, second : (...,) arrays
+        Standard uncertainties (k = 1).
+
+    Returns
+    -------
+    (...,) array
+        NaN where both uncertainties are zero.
+
+    Examples
+    --------
+    >>> float(normalised(np.array(5.0), np.array(3.0), np.array(4.0)))
+    0.5
+    """
+    expanded = COVERAGE * np.hypot(first, second)
+    return np.divide(difference, expanded, out=np.full_like(expanded, np.nan), where=expanded > 0)
+
+
+class Joint(NamedTuple):
+    """The test of all coefficients together.
+
+    Parameters
+    ----------
+    chi2 : float
+    rank : int
+        Its degrees of freedom: the rank of C₁ + C₂.
+    size : int
+        How many coefficients there are.
+    p_value : float
+        How likely chance alone makes χ² as large.
+    """
+
+    chi2: float
+    rank: int
+    size: int
+    p_value: float
+
+
+def joint(difference: Array, covariance: Array) -> Joint:
+    """Return the joint test of a difference, (p,), with the covariance C₁ + C₂, (p, p)."""
+    size = difference.size
+    scale = np.sqrt(np.diag(covariance))
+    if not size or not (scale > 0).all():
+        raise ValueError("the joint test takes coefficients that have an uncertainty")
+    # Scaled to ones on the diagonal: units that differ by many powers of ten say nothing of rank.
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    seen = values > _RANK * values[-1]
+    along = (vectors.T @ (difference / scale))[seen]
+    chi2, rank = float(np.sum(along**2 / values[seen])), int(seen.sum())
+    return Joint(chi2, rank, size, chance(chi2, rank))
+
+
+def chance(chi2: float, dof: int) -> float:
+    """Return how likely a χ² of that many degrees of freedom is as large; 1 of none."""
+    return float(gammaincc(dof / 2, chi2 / 2)) if dof else 1.0
+
+
+class Constancy(NamedTuple):
+    """χ² about the weighted mean, its degrees of freedom, and how likely chance makes as much."""
+
+    chi2: float
+    dof: int
+    p_value: float
+
+
+def constancy(values: Array, std: Array) -> Constancy:
+    """Return the test of (n,) values, with standard uncertainties (n,), against their mean."""
+    mean = np.average(values, weights=std**-2.0)
+    chi2, dof = float(np.sum(((values - mean) / std) ** 2)), values.size - 1
+    return Constancy(chi2, dof, chance(chi2, dof))
+
+
+class Line(NamedTuple):
+    """The straight line through a history.
+
+    Parameters
+    ----------
+    time : float
+        The weighted mean time t̄, in years, as the times were given.
+    value, value_std : float
+        At that time, with its standard uncertainty.
+    slope, slope_std : float
+        A year.
+    chi2 : float
+    dof : int
+    birge : float
+        What the standard uncertainties were scaled by; 1 where χ² did not ask for it.
+    """
+
+    time: float
+    value: float
+    value_std: float
+    slope: float
+    slope_std: float
+    chi2: float
+    dof: int
+    birge: float
+
+    def at(self, time: Array) -> tuple[Array, Array]:
+        """Return the line and its standard uncertainty at times, in years."""
+        off = time - self.time
+        return self.value + self.slope * off, np.hypot(self.value_std, self.slope_std * off)
+
+    @property
+    def drifts(self) -> bool:
+        """Whether the slope exceeds its expanded uncertainty, k = 2."""
+        return abs(self.slope) > COVERAGE * self.slope_std
+
+
+def line(time: Array, values: Array, std: Array) -> Line | None:
+    """Return the line through (n,) values at (n,) times in years.
+
+    None of fewer than three, or where all are of one time.
+    """
+    if values.size < _FEWEST:
+        return None
+    weights = std**-2.0
+    middle = float(np.average(time, weights=weights))
+    off = time - middle
+    squares = float(np.sum(weights * off**2))
+    if np.ptp(time) == 0:
+        return None
+    value = float(np.average(values, weights=weights))
+    slope = float(np.sum(weights * off * (values - value))) / squares
+    chi2 = float(np.sum(((values - value - slope * off) / std) ** 2))
+    dof = values.size - 2
+    bound = 2 * float(gammainccinv(dof / 2, _BOUND))
+    birge = sqrt(chi2 / dof) if chi2 > bound else 1.0
+    value_std, slope_std = birge / sqrt(float(weights.sum())), birge / sqrt(squares)
+    return Line(middle, value, value_std, slope, slope_std, chi2, dof, birge)
+
+
+def verdict(found: Line | None, constant: Constancy) -> Verdict:
+    """Say what a history shows.
+
+    "drifts": the slope exceeds its U. "changed": no such slope, but the values scatter about their
+    mean more than in 95.45 % of histories where nothing changes; of two calibrations that is
+    |E_n| > 1. "steady": neither. "too few": there is one calibration only.
+    """
+    if not constant.dof:
+        return "too few"
+    if found is not None and found.drifts:
+        return "drifts"
+    return "changed" if constant.p_value < BY_CHANCE else "steady"

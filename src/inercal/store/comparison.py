@@ -1,0 +1,109 @@
+"""Two calibrations compared, coefficient by coefficient and all together."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.calibration import Calibration
+from inercal.errors import InputError
+from inercal.store import changes
+from inercal.store.comparable import brought, held
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """A later calibration beyond an earlier one, in the same terms.
+
+    Parameters
+    ----------
+    first, second : Calibration
+    names : tuple of str
+        Coefficients that both have, with an uncertainty.
+    left_out : tuple of str
+        In words: coefficients that only one has, or that no data stand behind.
+    """
+
+    first: Calibration
+    second: Calibration
+    names: tuple[str, ...]
+    left_out: tuple[str, ...]
+
+    @cached_property
+    def difference(self) -> Array:
+        """Second minus first, SI, (p,)."""
+        first, second = (np.array([one.value(n) for n in self.names]) for one in self._both)
+        return second - first
+
+    @cached_property
+    def std(self) -> tuple[Array, Array]:
+        """Standard uncertainties (k = 1) of first and second, SI, (p,) each."""
+        first, second = (np.array([one.uncertainty(n) for n in self.names]) for one in self._both)
+        return first, second
+
+    @cached_property
+    def normalised(self) -> Array:
+        """E_n, (p,)."""
+        return changes.normalised(self.difference, *self.std)
+
+    @cached_property
+    def joint(self) -> changes.Joint | None:
+        """All coefficients together; None where none is in common."""
+        if not self.names:
+            return None
+        total = np.zeros((len(self.names), len(self.names)))
+        for one in self._both:
+            picks = [one.sensor.coefficients.index(name) for name in self.names]
+            total += one.covariance[np.ix_(picks, picks)]
+        return changes.joint(self.difference, total)
+
+    @property
+    def beyond(self) -> int:
+        """How many |E_n| exceed 1."""
+        return int(np.sum(np.abs(self.normalised) > 1))
+
+    @property
+    def by_chance(self) -> float:
+        """How many of them chance would give."""
+        return changes.BY_CHANCE * len(self.names)
+
+    @property
+    def _both(self) -> tuple[Calibration, Calibration]:
+        return self.first, self.second
+
+
+def compare(first: Calibration, second: Calibration) -> Comparison:
+    """Return two calibrations compared in the terms of the second, else in those of the first.
+
+    Raises
+    ------
+    InputError
+        Neither can be brought to the terms of the other.
+    """
+    try:
+        return compared(brought(first, second), second)
+    except InputError as error:
+        try:
+            return compared(first, brought(second, first))
+        except InputError:
+            raise InputError(f"the first cannot be compared with the second: {error}") from None
+
+
+def compared(first: Calibration, second: Calibration) -> Comparison:
+    """Return two calibrations in the same terms compared."""
+    fixed = held(first) | held(second)
+    mine, its = (one.sensor.coefficients for one in (first, second))
+    names = tuple(name for name in its if name in mine and name not in fixed)
+    left_out = [
+        f"{words} {', '.join(found)}"
+        for words, found in (
+            ("no data stand behind", [n for n in its if n in fixed and n in mine]),
+            ("only the first has", [n for n in mine if n not in its and n not in fixed]),
+            ("only the second has", [n for n in its if n not in mine and n not in fixed]),
+        )
+        if found
+    ]
+    return Comparison(first, second, names, tuple(left_out))

@@ -1,0 +1,127 @@
+"""A calibration as it is to be entered: verified, with what the register keeps beside it."""
+
+import json
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from inercal.calibration import Calibration
+from inercal.calibration.files import as_object, parse, text_of
+from inercal.errors import InputError
+from inercal.sensors import SI_UNITS
+
+
+@dataclass(frozen=True, eq=False)
+class Document:
+    """A calibration and its text.
+
+    Parameters
+    ----------
+    source : str
+        What names it where something is amiss.
+    text : str
+        The whole calibration file, JSON.
+    sha256 : str
+        That it states.
+    calibration : Calibration
+    created : str
+        ISO 8601, UTC; empty where it says nothing of it.
+    recording : str
+        SHA-256 of the recording; empty where it names none.
+    """
+
+    source: str
+    text: str
+    sha256: str
+    calibration: Calibration
+    created: str
+    recording: str
+
+    @property
+    def units(self) -> list[str]:
+        """SI units of the coefficients."""
+        sensor = self.calibration.sensor
+        return [SI_UNITS[sensor.coefficient(name).unit] for name in sensor.coefficients]
+
+
+def document(source: Calibration | str | Path) -> Document:
+    """Return a calibration, or that of a file, as it is to be entered.
+
+    Raises
+    ------
+    InputError
+        A file that is damaged or none, or content that a register cannot keep.
+    """
+    if isinstance(source, Calibration):
+        name = f"calibration of {source.sensor.name}"
+        text = json.dumps(as_object(source), ensure_ascii=False)
+    else:
+        name, text = str(source), text_of(source)
+    calibration = parse(text, name)
+    content: dict[str, Any] = json.loads(text)
+    wrong = _unfit(calibration, content)
+    if wrong:
+        raise InputError(f"{name}: broken calibration file: {wrong}")
+    created = calibration.provenance.get("created", "")
+    try:
+        created = created and utc(created)
+    except ValueError:
+        raise InputError(f"{name}: {created!r} is no time in ISO 8601") from None
+    return Document(
+        name,
+        json.dumps(content, ensure_ascii=False),
+        content["sha256"],
+        calibration,
+        created,
+        calibration.provenance.get("recording sha256", ""),
+    )
+
+
+def _unfit(calibration: Calibration, content: dict[str, Any]) -> str:
+    """Return what is not as the file's description has it, though its hash fits; else nothing."""
+    for name in ("conditions", "provenance"):
+        given: Any = content[name]
+        if not isinstance(given, dict) or not all(
+            isinstance(text, str) for text in cast(dict[Any, Any], given).values()
+        ):
+            return f"{name}: texts by name are expected"
+    for text in (content["method"], content["estimator"], content["sensor"]["name"]):
+        if not isinstance(text, str):
+            return f"{text!r} is no text"
+    if not calibration.sensor.name.strip():
+        return "its sensor has no name"
+    variances = np.diag(calibration.covariance)
+    if not (np.isfinite(variances).all() and (variances >= 0).all()):
+        return "a variance is negative"
+    return ""
+
+
+def utc(text: str) -> str:
+    """Return a time in ISO 8601 as the register keeps it: UTC, to the millisecond.
+
+    One without a zone is taken as UTC; a date alone, as its first moment.
+
+    Raises
+    ------
+    ValueError
+        It is none.
+
+    Examples
+    --------
+    >>> utc("2026-03-01"), utc("2026-03-01T10:00:00+02:00")
+    ('2026-03-01T00:00:00.000+00:00', '2026-03-01T08:00:00.000+00:00')
+    """
+    time = datetime.fromisoformat(text)
+    try:
+        time = time.replace(tzinfo=UTC) if time.tzinfo is None else time.astimezone(UTC)
+    except OverflowError:  # the first or the last day of all years, in a zone beyond it
+        raise ValueError(f"{text} is out of range") from None
+    return time.isoformat(timespec="milliseconds")
+
+
+def now() -> str:
+    """Return the time as the register keeps it."""
+    return datetime.now(UTC).isoformat(timespec="milliseconds")

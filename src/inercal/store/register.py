@@ -1,0 +1,215 @@
+"""The register itself: what is entered, and what is read from it."""
+
+from collections.abc import Sequence
+from getpass import getuser
+from pathlib import Path
+from typing import Self
+
+from inercal.calibration import Calibration
+from inercal.errors import InputError
+from inercal.sensors import Sensor
+from inercal.store import enter, look
+from inercal.store.address import address_of
+from inercal.store.connection import engine_of, reading, writing
+from inercal.store.document import document, now, utc
+from inercal.store.entries import CalibrationEntry, RunEntry, RunFacts, SensorEntry
+from inercal.store.history import History, history_of
+from inercal.store.migrate import bring_up_to_date
+from inercal.store.tables import calibration, run
+
+
+class Register:
+    """Sensors, benches, runs, hashes of raw data and calibrations; who entered them, and when.
+
+    A context manager. Each call is a transaction of its own; several processes and threads may
+    have the same register open.
+
+    Parameters
+    ----------
+    address : str, optional
+        A path, "sqlite:///PATH" or "postgresql://USER@HOST/DATABASE"; None or "default" is what
+        $INERCAL_REGISTER says, else inercal/register.db in $XDG_DATA_HOME or ~/.local/share.
+    by : str, optional
+        Who enters things; the user of the system where nobody is named.
+
+    Attributes
+    ----------
+    address : str
+        To be printed, without a password.
+
+    Raises
+    ------
+    InputError
+        Nothing can be opened there, or it is no register, or one of a newer version.
+    """
+
+    def __init__(self, address: str | None = None, by: str | None = None):
+        self._address = address_of(address)
+        self.address = self._address.shown
+        self._by = by or _user()
+        self._engine = engine_of(self._address)
+        bring_up_to_date(self._engine, self._address)
+
+    def sensors(self) -> tuple[SensorEntry, ...]:
+        """Return all sensors, by name."""
+        with reading(self._engine, self._address) as db:
+            return look.sensors(db)
+
+    def sensor(self, key: int | str) -> SensorEntry:
+        """Return one sensor by its id or its name.
+
+        Raises
+        ------
+        InputError
+            There is none.
+        """
+        with reading(self._engine, self._address) as db:
+            return look.sensor_of(db, key)
+
+    def runs(self, sensor: int | str | None = None) -> tuple[RunEntry, ...]:
+        """Return all runs, or those of one sensor, the first first."""
+        with reading(self._engine, self._address) as db:
+            if sensor is None:
+                return look.runs(db)
+            return look.runs(db, run.c.sensor_id == look.sensor_of(db, sensor).id)
+
+    def calibrations(self, sensor: int | str | None = None) -> tuple[CalibrationEntry, ...]:
+        """Return all calibrations, or those of one sensor, as they were measured."""
+        with reading(self._engine, self._address) as db:
+            if sensor is None:
+                return look.calibrations(db)
+            one = look.sensor_of(db, sensor)
+            return look.calibrations(db, calibration.c.sensor_id == one.id)
+
+    def calibration(self, number: int) -> CalibrationEntry:
+        """Return one calibration.
+
+        Raises
+        ------
+        InputError
+            There is none of that number.
+        """
+        with reading(self._engine, self._address) as db:
+            return look.calibration_of(db, number)
+
+    def coefficients(self, number: int) -> Sequence[tuple[str, float, float, str]]:
+        """Return name, value, standard uncertainty (k = 1) and SI unit of a calibration's."""
+        with reading(self._engine, self._address) as db:
+            return look.coefficients(db, number)
+
+    def holds(self, sha256: str) -> int | None:
+        """Return the number of the calibration with that hash; None where there is none."""
+        with reading(self._engine, self._address) as db:
+            found = look.calibrations(db, calibration.c.sha256 == sha256)
+            return found[0].id if found else None
+
+    def history(self, sensor: int | str) -> History:
+        """Return all calibrations of a sensor, coefficient by coefficient.
+
+        Raises
+        ------
+        InputError
+            There is no such sensor, or it was never calibrated.
+        """
+        one = self.sensor(sensor)
+        return history_of(one, self.calibrations(one.id))
+
+    def enter_sensor(self, sensor: Sensor) -> int:
+        """Enter a sensor; return its id, which is that of the one that is there already.
+
+        Raises
+        ------
+        InputError
+            An axis measures something else than that of the same name in the register.
+        """
+        with writing(self._engine, self._address) as db:
+            return enter.enter_sensor(db, sensor, self._who())
+
+    def enter_run(
+        self, facts: RunFacts, calibration: Calibration | str | Path | None = None
+    ) -> int:
+        """Enter a run, and its calibration or the file of it; return the run's id.
+
+        Of a run that is there state and files are brought up to date, and nothing else.
+
+        Raises
+        ------
+        InputError
+            The calibration file cannot be used; nothing is entered then.
+        """
+        made = None if calibration is None else document(calibration)
+        kind = "" if made is None else _kind(made.calibration)
+        with writing(self._engine, self._address) as db:
+            number = enter.enter_run(db, facts, self._who())
+            if made is not None:
+                enter.enter_calibration(db, made, kind, None, self._who())
+            return number
+
+    def enter_calibration(
+        self, source: Calibration | str | Path, measured: str | None = None
+    ) -> int:
+        """Enter a calibration, or that of a file; return its number.
+
+        Parameters
+        ----------
+        source : Calibration or path
+        measured : str, optional
+            When, ISO 8601; else the begin of the run whose recording it is of, where that is in
+            the register, else when the calibration was made.
+
+        Raises
+        ------
+        InputError
+            The file cannot be used, or `measured` is no time.
+        """
+        return self.enter_calibrations((source,), measured)[0]
+
+    def enter_calibrations(
+        self, sources: Sequence[Calibration | str | Path], measured: str | None = None
+    ) -> tuple[int, ...]:
+        """Enter several calibrations, all or none; return their numbers."""
+        if measured is not None:
+            try:
+                utc(measured)
+            except ValueError:
+                raise InputError(
+                    f"{measured!r} is no time; write it in ISO 8601, as 2026-03-01 or "
+                    "2026-03-01T14:30:00+01:00"
+                ) from None
+        made = [document(source) for source in sources]
+        kinds = [_kind(one.calibration) for one in made]
+        with writing(self._engine, self._address) as db:
+            return tuple(
+                enter.enter_calibration(db, one, kind, measured, self._who())
+                for one, kind in zip(made, kinds, strict=True)
+            )
+
+    def _who(self) -> enter.Who:
+        return enter.Who(self._by, now())
+
+    def close(self) -> None:
+        """Let go of the database."""
+        self._engine.dispose()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _kind(calibration: Calibration) -> str:
+    """Return the kind of bench that a calibration's method takes; empty for an unknown method."""
+    # Here, for methods load compiled kernels, which nobody needs who only looks.
+    from inercal.methods import METHODS
+    from inercal.runfile.checks import KINDS
+
+    method = METHODS.get(calibration.method)
+    return "" if method is None else KINDS[method.bench]
+
+
+def _user() -> str:
+    try:
+        return getuser()
+    except (OSError, KeyError):  # a user id without a name, as in a container
+        return "unknown"

@@ -1,0 +1,104 @@
+"""The tables of a register. A change of them goes with a revision in `migrations/versions`.
+
+Times are texts, ISO 8601 in UTC to the millisecond, so that they sort as they follow one another.
+"""
+
+from sqlalchemy import (
+    BigInteger,
+    Column,
+    Double,
+    ForeignKey,
+    Integer,
+    MetaData,
+    String,
+    Table,
+    Text,
+    UniqueConstraint,
+)
+
+metadata = MetaData(
+    naming_convention={
+        "ix": "ix_%(table_name)s_%(column_0_N_name)s",
+        "uq": "uq_%(table_name)s_%(column_0_N_name)s",
+        "fk": "fk_%(table_name)s_%(column_0_name)s",
+        "pk": "pk_%(table_name)s",
+    }
+)
+
+
+def _entered() -> tuple[Column[str], Column[str]]:
+    """Return who entered a row, and when."""
+    return (
+        Column("entered_by", String, nullable=False),
+        Column("entered_at", String, nullable=False),
+    )
+
+
+sensor = Table(
+    "sensor",
+    metadata,
+    Column("id", Integer, primary_key=True),
+    Column("name", String, nullable=False, unique=True),
+    Column("axes", Text, nullable=False),  # JSON: list of {name, measures}
+    *_entered(),
+)
+bench = Table(
+    "bench",
+    metadata,
+    Column("id", Integer, primary_key=True),
+    Column("kind", String, nullable=False),
+    Column("name", String, nullable=False),  # empty where a run file gives none
+    *_entered(),
+    UniqueConstraint("kind", "name"),
+)
+run = Table(
+    "run",
+    metadata,
+    Column("id", Integer, primary_key=True),
+    Column("key", String, nullable=False, unique=True),
+    Column("sensor_id", Integer, ForeignKey("sensor.id"), nullable=False, index=True),
+    Column("bench_id", Integer, ForeignKey("bench.id"), nullable=False),
+    Column("begun", String, nullable=False),
+    Column("state", String, nullable=False),
+    Column("table_address", String, nullable=False),
+    Column("imu_address", String, nullable=False),
+    Column("folder", String, nullable=False),
+    *_entered(),
+)
+file = Table(
+    "file",
+    metadata,
+    Column("run_id", Integer, ForeignKey("run.id"), primary_key=True),
+    Column("name", String, primary_key=True),
+    Column("size", BigInteger, nullable=False),
+    Column("sha256", String, nullable=False, index=True),
+    *_entered(),
+)
+calibration = Table(
+    "calibration",
+    metadata,
+    Column("id", Integer, primary_key=True),
+    Column("sensor_id", Integer, ForeignKey("sensor.id"), nullable=False, index=True),
+    Column(
+        "bench_id", Integer, ForeignKey("bench.id")
+    ),  # null where its method is none of this version
+    Column("run_id", Integer, ForeignKey("run.id"), index=True),
+    Column("measured", String, nullable=False),
+    Column("measured_from", String, nullable=False),  # "stated", "run" or "created"
+    Column("method", String, nullable=False),
+    Column("estimator", String, nullable=False),
+    Column("recording_sha256", String, nullable=False, index=True),  # empty where it names none
+    Column("content", Text, nullable=False),  # the whole file, JSON
+    Column("sha256", String, nullable=False, unique=True),
+    *_entered(),
+)
+coefficient = Table(
+    "coefficient",
+    metadata,
+    Column("calibration_id", Integer, ForeignKey("calibration.id"), primary_key=True),
+    Column("name", String, primary_key=True),
+    Column("place", Integer, nullable=False),  # in the calibration's order, from 0
+    Column("value", Double, nullable=False),
+    Column("std", Double, nullable=False),
+    Column("unit", String, nullable=False),  # SI
+)

@@ -1,0 +1,83 @@
+"""What a history or a comparison says, in words and rounded figures."""
+
+from math import isnan
+
+from inercal.calibration.verdict import COVERAGE, chance
+from inercal.store.changes import Joint
+from inercal.store.comparison import Comparison
+from inercal.store.history import Course, History
+from inercal.units import digits
+
+INDEPENDENT = (
+    "errors that calibrations share, as of one bench, are counted as independent: E_n and χ² are "
+    "then smaller than they should be, and a change must be larger to be seen"
+)
+
+
+def en(value: float) -> str:
+    """Return E_n, with a star where it exceeds 1 to either side; nothing of the first."""
+    return "" if isnan(value) else f"{value:+.2f}" + " *" * (abs(value) > 1)
+
+
+def point(course: Course, k: int) -> tuple[str, str]:
+    """Return value and U of one of a course's points, in its unit."""
+    value, std = float(course.values[k]), float(course.std[k])
+    return digits(value / course.si, COVERAGE * std / course.si)
+
+
+def slope(course: Course) -> tuple[str, str]:
+    """Return the drift a year and its U, in the course's unit; nothing where there is no line."""
+    if course.line is None:
+        return "", ""
+    return digits(course.line.slope / course.si, COVERAGE * course.line.slope_std / course.si)
+
+
+def drift(course: Course) -> str:
+    """Return how a coefficient drifts, and how well it is a constant."""
+    told = "no drift is told of fewer than three calibrations"
+    if (line := course.line) is not None:
+        told = f"drift {' ± '.join(slope(course))} {course.unit} a year (k = 2)"
+        if line.birge > 1:
+            told += f", scaled by {line.birge:.2f} since the points scatter about the line"
+    test = course.constancy
+    if test.dof:
+        told += f"; as a constant χ² = {test.chi2:.1f} with {test.dof} degrees of freedom, "
+        told += f"p {chance(test.p_value)}"
+    return told
+
+
+def joint(test: Joint) -> str:
+    """Return the test of all coefficients together."""
+    told = f"χ² = {test.chi2:.1f} with {test.rank} degrees of freedom, p {chance(test.p_value)}"
+    if test.rank < test.size:
+        told += f" (rank {test.rank} of {test.size} coefficients)"
+    return told
+
+
+def of_history(history: History) -> list[str]:
+    """Return what a history says as a whole, line by line."""
+    lines: list[str] = []
+    if history.steps:
+        lines.append(_beyond(history.beyond, history.steps, history.by_chance))
+    if (test := history.joint[-1]) is not None:
+        lines.append(f"the newest calibration against the one before, all together: {joint(test)}")
+    if history.steps:
+        lines.append(INDEPENDENT)
+    return [*lines, *(f"left out: {one}" for one in history.left_out)]
+
+
+def of_comparison(compared: Comparison) -> list[str]:
+    """Return what a comparison says as a whole, line by line."""
+    first, second = compared.first.sensor.name, compared.second.sensor.name
+    lines = [f"they are of two sensors: {first} and {second}"] if first != second else []
+    lines.append(_beyond(compared.beyond, len(compared.names), compared.by_chance))
+    if compared.joint is not None:
+        lines.append(f"all together: {joint(compared.joint)}")
+    return [*lines, INDEPENDENT, *(f"left out: {one}" for one in compared.left_out)]
+
+
+def _beyond(beyond: int, of: int, by_chance: float) -> str:
+    return (
+        f"|E_n| > 1 (*) in {beyond} of {of}; where nothing changes chance gives about "
+        f"{by_chance:.2g}"
+    )

@@ -1,0 +1,143 @@
+"""What is too large, too many or too often, while a run goes on that must not feel it."""
+
+import socket
+import struct
+from contextlib import suppress
+
+import pytest
+from tests.host.web.pages import Page, Served, unharmed
+from websockets.exceptions import InvalidStatus
+
+from inercal.host.web.connections import MOST as CONNECTIONS
+from inercal.host.web.people import MOST as VIEWERS
+
+HUGE = 100_000_000  # bytes
+
+
+def test_a_body_of_100_megabytes_is_refused_before_it_is_read(served: Served, watched: Page):
+    own = f"Host: {served.host}\r\nOrigin: http://{served.host}\r\n"
+    for head, chunk in (
+        (f"Content-Length: {HUGE}", b"x" * 65536),
+        ("Transfer-Encoding: chunked", b"10000\r\n" + b"x" * 65536 + b"\r\n"),
+    ):
+        sent, answer = 0, b""
+        with socket.create_connection(("127.0.0.1", served.port), 20) as connection:
+            connection.sendall(f"POST /api/probe HTTP/1.1\r\n{own}{head}\r\n\r\n".encode())
+            with suppress(ConnectionError, TimeoutError):
+                while sent < HUGE:
+                    sent += connection.send(chunk)
+            with suppress(ConnectionError):
+                answer = connection.recv(4096)
+        assert sent < HUGE / 5
+        assert not answer or b" 413 " in answer
+    served.wait(lambda: sum("a body of more than" in line for line in served.refused) == 2)
+
+
+def test_a_body_that_does_not_come_is_not_waited_for(
+    served: Served, watched: Page, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("inercal.host.web.gate._PATIENCE", 0.1)
+    own = {"Host": served.host, "Origin": f"http://{served.host}", "Content-Length": "10"}
+    assert served.ask("/api/probe", "POST", None, own).status == 408
+    served.was_refused("does not come within")
+
+
+def test_of_1000_sockets_most_are_closed_and_the_viewers_there_stay(served: Served, watched: Page):
+    opened = [socket.create_connection(("127.0.0.1", served.port), 20) for _ in range(1000)]
+    try:
+        unharmed(watched)
+        served.wait(lambda: len(served.server.server_state.connections) == CONNECTIONS)
+        closed = 0
+        for connection in opened:
+            connection.settimeout(0)
+            try:
+                closed += connection.recv(1) == b""
+            except BlockingIOError:
+                pass
+            except ConnectionError:
+                closed += 1
+        assert closed >= 1000 - CONNECTIONS
+        served.was_refused(f"there are {CONNECTIONS} connections")
+        assert len(served.refused) < 100
+    finally:
+        for connection in opened:
+            connection.close()
+    served.wait(lambda: len(served.server.server_state.connections) < VIEWERS)
+    with served.page() as page:
+        page.until("samples")
+
+
+def test_a_socket_that_asks_nothing_is_closed(
+    served: Served, watched: Page, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("inercal.host.web.connections._SILENT", 0.1)
+    with socket.create_connection(("127.0.0.1", served.port), 20) as connection:
+        connection.sendall(b"GET / HTTP/1.1\r\nHost: ")
+        with suppress(ConnectionError):
+            assert connection.recv(1) == b""
+    served.was_refused("did not ask anything")
+
+
+def test_more_viewers_than_there_may_be_are_refused_and_may_come_later(
+    served: Served, watched: Page
+):
+    pages = [served.page() for _ in range(VIEWERS - 1)]
+    with pytest.raises(InvalidStatus, match="403"):
+        served.page()
+    served.was_refused("too many look on")
+    watched.until("people", viewers=VIEWERS)
+    unharmed(watched)
+    for page in pages:
+        page.close()
+    served.wait(lambda: len(served.hub.people.viewers) == 1)
+    with served.page() as page:
+        page.until("samples")
+
+
+def test_messages_that_are_bytes_or_too_long_or_too_many_end_the_connection(
+    served: Served, watched: Page
+):
+    with served.page() as page:
+        page.connection.send(b"\x00\x01")
+        assert page.closed() == 1003
+    with served.page() as page:
+        page.connection.send('{"do": "' + "x" * 5000 + '"}')
+        assert page.closed() == 1009
+    with served.page() as page:
+        for _ in range(60):
+            page.connection.send('{"do": "leave"}')
+        assert page.closed() == 1008
+    served.was_refused("more than 20 messages a second")
+
+
+def test_frames_that_are_none_end_the_connection(served: Served, watched: Page):
+    key = "dGhlIHNhbXBsZSBub25jZQ=="
+    head = (
+        f"GET /live HTTP/1.1\r\nHost: {served.host}\r\nOrigin: http://{served.host}\r\n"
+        "Connection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\n"
+        f"Sec-WebSocket-Key: {key}\r\n\r\n"
+    ).encode()
+    for frame in (
+        b"\x83\x80\x00\x00\x00\x00",  # an opcode that there is not
+        b"\x81\x05hello",  # not masked
+        b"\x81\xff" + struct.pack(">Q", 1 << 62) + b"\x00" * 4,  # of 4 exabytes
+        b"\x81\x82\x00\x00\x00\x00\xff\xfe",  # no UTF-8
+        b"\xff" * 64,
+    ):
+        with socket.create_connection(("127.0.0.1", served.port), 20) as connection:
+            connection.sendall(head)
+            assert connection.recv(4096).startswith(b"HTTP/1.1 101")
+            connection.sendall(frame)
+            with suppress(ConnectionError):
+                while connection.recv(65536):
+                    pass
+    served.wait(lambda: len(served.hub.people.viewers) == 1)
+
+
+def test_what_is_refused_is_said_on_one_line_each_and_not_too_often(served: Served, watched: Page):
+    for k in range(60):
+        served.ask(f"/no%0a%1b[31m{k}")
+    lines = list(served.refused)
+    assert all(line.isprintable() for line in lines)
+    assert any("\\n\\x1b[31m" in line for line in lines)
+    assert len(lines) < 40

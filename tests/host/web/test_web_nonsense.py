@@ -1,0 +1,104 @@
+"""Names, messages and requests that mean nothing, or mean harm."""
+
+import socket
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+from tests.host.web.pages import SIMULATED, Served
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/static/../app.py",
+        "/static/%2e%2e/app.py",
+        "/static/..%2fapp.py",
+        "/static/%2e%2e%2f%2e%2e%2frun.py",
+        "/static//etc/passwd",
+        "/static/..\\app.py",
+        "/static/%00",
+        "/../../../../etc/passwd",
+        "/runs/../report",
+        "/runs/../../etc/report",
+        "/runs/%2e%2e/report",
+        "/runs/..%2f..%2fruns/report",
+        "/runs/x/../../../etc/passwd",
+        "/runs/x/journal",
+        "/history/../../etc/passwd",
+        "/history/1%2f..",
+        "/history/-1",
+    ],
+)
+def test_no_name_of_a_request_is_a_path(served: Served, tmp_path: Path, path: str):
+    (tmp_path / "runs" / "plan.report.html").write_text("secret")
+    answer = served.ask(path)
+    assert answer.status == 404
+    assert b"secret" not in answer.body
+    assert b"import" not in answer.body
+
+
+@pytest.mark.parametrize("name", ["../demo", "/etc/passwd", "..", "", None, 3, ["demo"], {}])
+def test_plans_and_runs_are_looked_up_and_never_joined_to_a_path(served: Served, name: object):
+    with served.page() as page:
+        page.operate()
+        page.say("start", plan=name, **SIMULATED)
+        assert "no plan" in page.until("refused")["words"]
+        page.say("resume", run=name, **SIMULATED)
+        assert "no interrupted run" in page.until("refused")["words"]
+        page.say("stop", run=name)
+        assert "no run goes on" in page.until("refused")["words"]
+    served.was_refused("no plan")
+
+
+@pytest.mark.parametrize(
+    ("message", "words"),
+    [
+        ("", "JSON"),
+        ("hello", "JSON"),
+        ("[1, 2]", "JSON"),
+        ("3", "JSON"),
+        ("null", "JSON"),
+        ("[" * 4000, "JSON"),
+        ('{"do": "start"', "JSON"),
+        ("{}", "possible: operate"),
+        ('{"do": "burn"}', "possible: operate"),
+        ('{"do": ["pause"]}', "possible: operate"),
+        ('{"do": {"a": 1}}', "possible: operate"),
+        ('{"do": "start", "plan": "demo"}', "choose a table"),
+        ('{"do": "start", "plan": "demo", "table": 3, "imu": []}', "choose a table"),
+        ('{"do": "start", "plan": "demo", "table": {"id": "simulated"}}', "go together"),
+        ('{"do": "operate", "name": 7}', "give a name"),
+        ('{"do": "operate", "name": "\\u0007"}', "give a name"),
+        ('{"do": "operate", "name": "' + "a" * 1000 + '"}', "give a name"),
+    ],
+)
+def test_messages_that_mean_nothing_are_refused_in_words(served: Served, message: str, words: str):
+    with served.page() as page:
+        page.operate()
+        page.connection.send(message)
+        assert words in page.until("refused")["words"]
+    served.was_refused("viewer 1: ")
+
+
+@pytest.mark.parametrize(
+    "request_",
+    [
+        b"\x16\x03\x01\x02\x00\x01\x00",
+        b"GET /\x1b[2J HTTP/1.1\r\n\r\n",
+        b"G" * 100_000,
+        b"GET / HTTP/1.1\r\nX: " + b"y" * 100_000,
+        b"GET / HTTP/1.1\r\nHost: a\r\nHost: b\r\n\r\n",
+        b"POST /api/probe HTTP/1.1\r\nContent-Length: -1\r\n\r\n",
+    ],
+)
+def test_requests_that_are_none_are_refused(served: Served, request_: bytes):
+    with (
+        served.page() as page,
+        socket.create_connection(("127.0.0.1", served.port), 20) as connection,
+    ):
+        connection.sendall(request_ + b"\r\n\r\n")
+        with suppress(ConnectionError):
+            assert connection.recv(100).startswith(b"HTTP/1.1 4")
+        page.until("idle")
+    assert not any("\x1b" in line for line in served.refused)

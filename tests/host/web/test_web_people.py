@@ -1,0 +1,196 @@
+"""Several look on, one operates, anyone may stop; who comes late sees what there was."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from tests.host.web.pages import Page, Served
+
+from inercal.host.web import people
+
+
+@pytest.fixture
+def ada(served: Served) -> Iterator[Page]:
+    with served.page() as page:
+        page.operate("Ada")
+        yield page
+
+
+def test_who_comes_is_greeted_and_told_that_nothing_goes_on(served: Served):
+    with served.page() as page:
+        assert [page.next()["kind"] for _ in range(3)] == ["hello", "people", "idle"]
+        assert page.heard[1] == {"kind": "people", "viewers": 1, "operator": None, "yours": False}
+
+
+def test_one_operates_and_hands_it_over(served: Served, ada: Page):
+    with served.page() as other:
+        assert other.until("people", viewers=2)["operator"] == "Ada"
+        other.say("operate", name="Bob")
+        assert other.until("refused")["words"] == "Ada operates"
+        ada.say("leave")
+        other.until("people", operator=None)
+        other.operate("Bob")
+        ada.until("people", operator="Bob", yours=False)
+
+
+@pytest.mark.parametrize("do", ["start", "resume", "pause", "go on", "abort", "put away"])
+def test_who_only_looks_on_commands_nothing(served: Served, ada: Page, do: str):
+    ada.start()
+    with served.page() as other:
+        other.say(do, plan="demo", run="x")
+        assert "operator" in other.until("refused")["words"]
+    ada.until("samples")
+
+
+def test_an_operator_who_was_gone_for_a_moment_operates_again(served: Served):
+    cookies = {"inercal-viewer": "of-this-browser"}
+    with served.page(cookies=cookies) as page:
+        page.operate("Ada")
+    with served.page() as other:
+        other.say("operate", name="Bob")
+        assert "may be back" in other.until("refused")["words"]
+        with served.page(cookies=cookies) as page:
+            page.until("people", operator="Ada", yours=True)
+
+
+def test_an_operator_who_stays_away_is_followed_by_another(
+    served: Served, monkeypatch: pytest.MonkeyPatch
+):
+    with served.page() as page:
+        page.operate("Ada")
+    with served.page() as other:
+        other.until("people", operator="Ada", viewers=1)
+        monkeypatch.setattr(people, "_GONE", 0.0)
+        other.operate("Bob")
+
+
+def test_any_viewer_may_stop_the_run(served: Served, ada: Page):
+    ada.start()
+    with served.page() as other:
+        other.until("state")
+        other.say("stop")
+        assert other.until("done")["words"] == "stopped by the operator"
+    ada.until("done", state="interrupted")
+
+
+def test_commands_of_the_operator_reach_the_run(served: Served, ada: Page):
+    ada.start(sensor="MIMU #17")
+    assert (ada.heard[-1]["sensor"], ada.heard[-1]["by"]) == ("MIMU #17", "Ada")
+    assert ada.heard[-1]["speed"] == 5.0
+    ada.say("pause")
+    ada.until("state", paused="paused by the operator")
+    ada.say("go on")
+    ada.until("state", paused="")
+    ada.say("start", plan="demo", table={"id": "simulated"}, imu={"id": "simulated"})
+    assert "a run goes on" in ada.until("refused")["words"]
+    ada.say("put away")
+    assert "goes on" in ada.until("refused")["words"]
+    ada.say("abort")
+    ada.until("done", words="aborted")
+    served.wait(lambda: served.hub.going is None)
+    ada.say("put away")
+    ada.until("idle")
+    ada.say("pause")
+    assert "no run goes on" in ada.until("refused")["words"]
+
+
+def test_who_comes_late_is_told_what_there_was_in_order(served: Served, ada: Page):
+    ada.start()
+    for _ in range(3):
+        ada.until("estimates")
+    with served.page() as late:
+        late.until("state")
+        kinds = [message["kind"] for message in late.heard]
+        assert list(dict.fromkeys(kinds)) == [
+            "hello", "people", "plan", "phase", "estimates", "samples", "event", "state",
+        ]  # fmt: skip
+        assert kinds.count("estimates") >= 2
+        assert kinds.count("event") == 3
+    ada.say("abort")
+    ada.until("done")
+    with served.page() as late:
+        late.until("done", words="aborted")
+
+
+def test_a_run_goes_on_when_all_pages_are_closed(served: Served):
+    with served.page() as page:
+        page.operate()
+        page.start()
+    served.wait(lambda: not served.hub.people.viewers)
+    with served.page() as page:
+        first = page.until("state")["time"]
+        assert page.until("state")["time"] > first
+        page.say("stop")
+        page.until("done")
+
+
+def test_a_process_that_ends_without_a_word_is_an_interrupted_run(served: Served, ada: Page):
+    ada.start()
+    assert served.hub.going is not None
+    served.hub.going.tell("fall")
+    done = ada.until("done")
+    assert done["state"] == "interrupted"
+    assert "status 7" in done["words"]
+
+
+def test_to_end_the_server_is_to_stop_the_run(tmp_path: Path):
+    with Served(tmp_path) as served:
+        page = served.page()
+        page.operate()
+        page.start()
+    assert page.closed() == 1012
+    assert page.heard[-1]["kind"] == "done"
+    assert page.heard[-1]["words"] == "stopped by the operator"
+
+
+def test_a_page_that_takes_nothing_misses_pictures_and_no_event(served: Served, ada: Page):
+    ada.start()
+    with served.page(slow=True) as slow:
+        viewer = served.hub.people.viewers[2]
+        big = json.dumps({"kind": "samples", "y": "x" * 100_000})
+
+        def flood() -> None:
+            for k in range(2000):
+                viewer.send("samples", big)
+                if k % 10 == 0:
+                    viewer.send("event", json.dumps({"kind": "event", "words": f"flood {k}"}))
+
+        served.soon(flood)
+        slow.until("event", words="flood 1990")
+        events = [one["words"] for one in slow.heard if "flood" in one.get("words", "")]
+        assert events == [f"flood {10 * k}" for k in range(200)]
+        big_ones = sum(len(str(one.get("y", ""))) > 1000 for one in slow.heard)
+        assert big_ones < 200
+    ada.until("samples")
+
+
+def test_the_setup_says_what_there_is(served: Served, ada: Page):
+    said = served.ask("/api/setup").json
+    assert [plan["id"] for plan in said["plans"]] == ["demo"]
+    assert said["plans"][0]["trouble"] == ""
+    assert said["plans"][0]["steps"] > 10
+    assert said["sensors"] == []
+    assert said["tables"][0] == said["imus"][0] == {"id": "simulated", "what": "simulated bench"}
+    assert {"fixed", "xsens"} <= {preset["name"] for preset in said["presets"]}
+    assert said["going"] is None
+    ada.start()
+    assert served.ask("/api/setup").json["going"] == ada.heard[-1]["run"]
+
+
+def test_only_the_operators_browser_may_ask_the_devices(served: Served):
+    cookies = {"Cookie": "inercal-viewer=mine"}
+    body = json.dumps({"plan": "demo", "table": {"id": "simulated"}, "imu": {"id": "port-99"}})
+    with served.page(cookies={"inercal-viewer": "mine"}) as page:
+        assert served.ask("/api/probe", "POST", body.encode(), cookies).status == 403
+        page.operate()
+        said = served.ask("/api/probe", "POST", body.encode(), cookies)
+        assert said.status == 200
+        assert said.json["table"] == {"ok": True, "lines": ["simulated: made when the run starts"]}
+        assert said.json["imu"]["ok"] is False
+        assert "no IMU 'port-99'" in said.json["imu"]["lines"][0]
+        assert served.ask("/api/probe", "POST", b"[]", cookies).status == 400
+        other = {"Cookie": "inercal-viewer=other"}
+        assert served.ask("/api/probe", "POST", body.encode(), other).status == 403
+        page.start()
+        assert served.ask("/api/probe", "POST", body.encode(), cookies).status == 409

@@ -1,0 +1,311 @@
+"""A whole run through the page on a simulated bench, while others do their worst."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+from contextlib import suppress
+from pathlib import Path
+from threading import Event
+from time import monotonic
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from tests.host.benches import INERCAL, SHORT, plan, quick
+from tests.host.web.pages import SIMULATED, Page, Served, opened
+from websockets.exceptions import InvalidStatus
+
+from inercal.calibration.files import load
+from inercal.host.journal import Journal
+from inercal.host.web.going import Going
+from inercal.host.web.order import inhabited, noted
+from inercal.pipeline import calibrate
+from inercal.runfile import read
+from inercal.store import Register
+
+COMPILING = 300.0  # s, the first time on a machine
+RUNNING = 120.0  # s
+NAME = "MIMU #17"
+
+
+class Whole(NamedTuple):
+    """A run through the page: what the page heard, and what there is afterwards."""
+
+    heard: list[dict[str, Any]]
+    folder: Path
+    register: str
+    answers: dict[str, Any]
+
+    def of(self, kind: str) -> list[dict[str, Any]]:
+        return [one for one in self.heard if one["kind"] == kind]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Whole:
+    folder = tmp_path_factory.mktemp("served")
+    plan(folder / "plans", quick())
+    with Served(folder, start=Going) as served, served.page() as page:
+        page.operate("Ada")
+        page.say("start", plan="plan", sensor=NAME, **SIMULATED)
+        run = page.until("plan", COMPILING)["run"]
+        page.until("estimates", COMPILING)
+        do_the_worst(served)
+        page.say("pause")
+        page.until("state", paused="paused by the operator")
+        page.say("go on")
+        done = page.until("done", RUNNING)
+        answers = {what: served.ask(done[what]) for what in ("report", "calibration", "history")}
+        answers["setup"] = served.ask("/api/setup")
+        return Whole(page.heard, folder / "runs" / run, served.register, answers)
+
+
+def do_the_worst(served: Served) -> None:
+    """Send what the page refuses."""
+    with pytest.raises(InvalidStatus):
+        served.page(origin="http://evil.example")
+    for path in ("/static/../app.py", "/runs/%2e%2e/report", "/history/..%2f1"):
+        assert served.ask(path).status == 404
+    with served.page() as other:
+        for message in ("{", '{"do": "abort"}', '{"do": "start"}', "[" * 4000):
+            other.connection.send(message)
+            other.until("refused")
+        other.connection.send(b"\xff" * 100)
+        assert other.closed() == 1003
+    own = f"Host: {served.host}\r\nOrigin: http://{served.host}\r\nContent-Length: 100000000\r\n"
+    with socket.create_connection(("127.0.0.1", served.port), 20) as connection:
+        connection.sendall(f"POST /api/probe HTTP/1.1\r\n{own}\r\n".encode())
+        with suppress(ConnectionError):
+            for _ in range(1000):
+                connection.sendall(b"x" * 100_000)
+    sockets = [socket.create_connection(("127.0.0.1", served.port), 20) for _ in range(1000)]
+    for one in sockets:
+        one.close()
+
+
+def test_a_run_through_the_page_ends_with_report_calibration_and_history(whole: Whole):
+    (done,) = whole.of("done")
+    assert done["state"] == "done", done
+    assert done["verdict"]["level"] == "good"
+    report, calibration, history = (
+        whole.answers[what] for what in ("report", "calibration", "history")
+    )
+    assert [one.status for one in (report, calibration, history)] == [200, 200, 200]
+    assert NAME in report.body.decode()
+    assert NAME in history.body.decode()
+    assert "default-src 'none'" in report.headers["content-security-policy"]
+    assert calibration.json["sensor"]["name"] == NAME
+    (shown,) = whole.answers["setup"].json["runs"]
+    assert (shown["id"], shown["sensor"]) == (whole.folder.name, NAME)
+    assert (shown["state"], shown["report"]) == ("done", True)
+
+
+def test_its_result_is_that_of_its_recording(whole: Whole):
+    again = calibrate(read(whole.folder / "plan.toml")).calibration
+    made = load(whole.folder / "plan.calibration.json")
+    assert made.values.tolist() == again.values.tolist()
+    assert made.covariance.tolist() == again.covariance.tolist()
+    words = [one["words"] for one in whole.of("event")]
+    assert "what was found live is what the recording gives, to the last bit" in words
+
+
+def test_no_packet_is_lost_whatever_others_do(whole: Whole):
+    imu = whole.of("state")[-1]["imu"]
+    assert imu["packets"] > 200 * 300
+    assert (imu["lost"], imu["failed"], imu["thrown"], imu["no_angle"]) == (0, 0, 0, 0)
+    alarms = [one["words"] for one in whole.of("event") if one["level"] == "alarm"]
+    assert alarms == []
+
+
+def test_the_page_is_told_what_the_run_is_of(whole: Whole):
+    (told,) = whole.of("plan")
+    run = read(whole.folder / "plan.toml")
+    assert told["sensor"] == run.sensor.name == NAME
+    assert told["simulated"] is True
+    assert told["axes"] == ["outer", "middle", "inner"]
+    assert [one["name"] for one in told["channels"]] == list(run.sensor.channels)
+    assert [one["unit"] for one in told["channels"]] == ["g"] * 3 + ["°/s"] * 3
+    assert [one["label"] for one in told["steps"]] == [one.label for one in run.steps]
+    assert {one["what"] for one in told["steps"]} == {"hold", "turn"}
+    assert [one["name"] for one in told["coefficients"]] == list(run.sensor.coefficients)
+
+
+def test_estimates_converge_to_the_calibration(whole: Whole):
+    estimates = whole.of("estimates")
+    first, last = estimates[0], estimates[-1]
+    made = load(whole.folder / "plan.calibration.json")
+    sizes = [made.sensor.coefficient(name).si for name in made.sensor.coefficients]
+    np.testing.assert_allclose(np.array(last["values"]) * sizes, made.values, rtol=1e-5, atol=1e-12)
+    shrunk = np.array(last["u2"]) / np.array(first["u2"])
+    assert np.all(shrunk <= 1)
+    assert np.median(shrunk) < 0.2
+    assert all(0.3 < last["nis"][kind] < 3 for kind in ("w", "f"))
+
+
+def test_samples_follow_one_another_and_are_those_of_the_recording(whole: Whole):
+    times = np.concatenate([one["t"] for one in whole.of("samples")])
+    assert np.all(np.diff(times) > 0)
+    assert times[0] < 2
+    assert times[-1] > 290
+    for one in whole.of("samples"):
+        assert [len(column) for column in one["y"]] == [len(one["t"])] * 6
+    resting = np.array(whole.of("samples")[0]["y"])[2]
+    np.testing.assert_allclose(resting, 1.0, atol=0.1)
+
+
+def test_attitudes_of_table_and_navigation_go_side_by_side(whole: Whole):
+    seen = [one["attitude"] for one in whole.of("state") if one["attitude"]]
+    assert len(seen) > 5
+    for one in seen:
+        table = np.array(one["table"]).reshape(3, 3)
+        navigation = np.array(one["navigation"]).reshape(3, 3)
+        np.testing.assert_allclose(table @ table.T, np.eye(3), atol=1e-6)
+        np.testing.assert_allclose(navigation, table, atol=0.05)
+        assert len(one["apart"]) == len(one["velocity"]) == 3
+
+
+def test_the_register_has_the_run_and_who_made_it(whole: Whole):
+    with Register(whole.register) as register:
+        (sensor,) = register.sensors()
+        assert (sensor.name, sensor.calibrations, sensor.by) == (NAME, 1, "Ada")
+        (run,) = register.runs()
+        assert (run.state, run.by) == ("done", "Ada")
+
+
+class Serving:
+    """`inercal bench serve` as a process."""
+
+    def __init__(self, folder: Path, *options: str):
+        for name in ("plans", "runs"):
+            (folder / name).mkdir(exist_ok=True)
+        where = ["--plans", str(folder / "plans"), "--runs", str(folder / "runs")]
+        where += ["--register", str(folder / "register.db"), "--port", "0", *options]
+        self.process = subprocess.Popen(
+            [*INERCAL, "bench", "serve", *where],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        assert self.process.stdout
+        said = self.process.stdout.readline()
+        assert said.startswith("the page is at http://127.0.0.1:"), said
+        self.port = int(said.strip().rstrip("/").rpartition(":")[2])
+
+    def page(self) -> Page:
+        return opened(self.port)
+
+    def ended(self) -> str:
+        """Wait for the end; return what was said on standard error."""
+        _, said = self.process.communicate(timeout=60)
+        return said
+
+    def killed(self) -> None:
+        self.process.send_signal(signal.SIGKILL)
+        self.process.communicate(timeout=60)
+
+
+def wait_until(condition: Any, patience: float = RUNNING) -> None:
+    end, tick = monotonic() + patience, Event()
+    while not condition():
+        assert monotonic() < end
+        tick.wait(0.02)
+
+
+def state(folder: Path) -> str:
+    with Journal(folder / "run.journal") as journal:
+        return journal.header().state
+
+
+def begun(page: Page, folder: Path) -> Path:
+    """Start the run of the only plan; return its folder once the table does something."""
+    page.operate("Ada")
+    page.say("start", plan="plan", sensor=None, **SIMULATED)
+    run = page.until("plan", COMPILING)["run"]
+    page.until("state", COMPILING)
+    return folder / "runs" / run
+
+
+def test_a_run_whose_server_is_killed_goes_on_to_its_report(tmp_path: Path):
+    plan(tmp_path / "plans", quick())
+    serving = Serving(tmp_path)
+    folder = begun(serving.page(), tmp_path)
+    serving.killed()
+    assert inhabited(folder)
+    wait_until(lambda: not inhabited(folder))
+    assert state(folder) == "done"
+    assert (folder / "plan.report.html").is_file()
+    with Register(str(tmp_path / "register.db")) as register:
+        assert [run.state for run in register.runs()] == ["done"]
+
+
+def test_a_server_started_anew_finds_the_run_stops_it_resumes_it_and_ends_with_it(tmp_path: Path):
+    plan(tmp_path / "plans", SHORT.replace("outer,90,30", "outer,3600,30"))
+    serving = Serving(tmp_path, "--speed", "20")
+    first = serving.page()
+    folder = begun(first, tmp_path)
+    was = noted(folder)
+    assert was is not None
+    serving.killed()
+    with suppress(ConnectionError):
+        first.close()
+    serving = Serving(tmp_path, "--speed", "20")
+    page = serving.page()
+    page.operate("Bob")
+    page.say("start", plan="plan", sensor=None, **SIMULATED)
+    assert "goes on, without this page" in page.until("refused")["words"]
+    page.say("stop", run=folder.name)
+    wait_until(lambda: not inhabited(folder))
+    assert state(folder) == "interrupted"
+    page.say("resume", run=folder.name, table=None, imu=None)
+    page.until("event", COMPILING, level="info", words="step 3 of 4: z+")
+    moves = page.until("state")
+    while abs(moves["table"]["axes"][0]["rate"]) < 20:
+        moves = page.until("state")
+    serving.process.send_signal(signal.SIGINT)
+    done = page.until("done")
+    assert (done["state"], done["words"]) == ("interrupted", "stopped by the operator")
+    states = [one for one in page.heard if one["kind"] == "state"]
+    assert all(abs(axis["rate"]) < 0.1 for axis in states[-1]["table"]["axes"])
+    page.close()
+    said = serving.ended()
+    assert serving.process.returncode == 0
+    assert "the run is being stopped" in said
+    assert state(folder) == "interrupted"
+    with Journal(folder / "run.journal") as journal:
+        words = [event.words for event in journal.events()]
+        labels = [label for label, _, _ in journal.sections()]
+    assert labels == ["warm-up", "y up"]
+    seeds = {one.partition("seed ")[2] for one in words if "seed" in one}
+    assert len(seeds) == 1
+    assert words.count("stopped by the operator") == 2
+    with pytest.raises(ProcessLookupError):
+        os.kill(was.process, 0)
+
+
+def test_any_viewer_stops_the_table_and_the_operator_may_resume(tmp_path: Path):
+    plan(tmp_path / "plans", SHORT.replace("outer,90,30", "outer,360,30"))
+    with Served(tmp_path, start=Going) as served, served.page() as page:
+        folder = begun(page, tmp_path)
+        moves = page.until("state")
+        while not any(abs(axis["rate"]) > 20 for axis in moves["table"]["axes"]):
+            moves = page.until("state", RUNNING)
+        with served.page() as other:
+            other.until("state")
+            other.say("stop")
+            done = other.until("done")
+        assert (done["state"], done["words"]) == ("interrupted", "stopped by the operator")
+        page.until("done")
+        rests = [one for one in page.heard if one["kind"] == "state"][-1]
+        assert all(abs(axis["rate"]) < 0.1 for axis in rests["table"]["axes"])
+        served.wait(lambda: served.hub.going is None)
+        page.say("resume", run=folder.name, table=None, imu=None)
+        page.until("plan", COMPILING)
+        done = page.until("done", COMPILING)
+        assert done["state"] in ("done", "carried out"), done
+        with Journal(folder / "run.journal") as journal:
+            labels = [label for label, _, _ in journal.sections()]
+            assert labels == ["warm-up", "y up", "z+", "rest"]
+            watchdog = [e.words for e in journal.events() if "watchdog" in e.words]
+        assert json.dumps(done)
+        assert watchdog == [] or "stopping: SIGINT" in watchdog[0]
