@@ -36,20 +36,24 @@ from inercal.store import Register, RunFacts
 address, folder = sys.argv[1], Path(sys.argv[2])
 sensor = triad("MIMU № 17", "f", "a", Readout(1.0, 0.0, "m/s²"), Noise())
 
+def say(*words):
+    # One write, which a kill leaves whole or undone.
+    os.write(1, (" ".join(map(str, words)) + "\\n").encode())
+
 def write(first):
-    print("writer", os.getpid(), flush=True)
+    say("writer", os.getpid())
     register = Register(address)
     for k in range(first, 10**6):
         path = folder / f"{k}.calibration.json"
         if not path.exists():
             break
         if k % 2:
-            print("calibration", register.enter_calibration(path), k, flush=True)
+            say("calibration", register.enter_calibration(path), k)
         else:
             files = {f"{n}.h5": (n, f"{k}-{n}") for n in range(20)}
             bench = "turntable", ""
             facts = RunFacts(f"run {k}", sensor, *bench, "2026-01-01", "done", "", "", "", files)
-            print("run", register.enter_run(facts, path), k, flush=True)
+            say("run", register.enter_run(facts, path), k)
 
 def kill_before(statement):
     left = [statement]
@@ -68,7 +72,7 @@ for line in sys.stdin:
             kill_before(statement)
         write(first)
         os._exit(0)
-    print("over", os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+    say("over", os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
 """
 
 
