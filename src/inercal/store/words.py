@@ -16,7 +16,7 @@ INDEPENDENT = (
 
 def en(value: float) -> str:
     """Return E_n, with a star where it exceeds 1 to either side; nothing of the first."""
-    return "" if isnan(value) else f"{value:+.2f}" + " *" * (abs(value) > 1)
+    return "" if isnan(value) else f"{value:+.2f}{' *' if abs(value) > 1 else ''}"
 
 
 def point(course: Course, k: int) -> tuple[str, str]:
