@@ -31,6 +31,13 @@ export function makeEarlier(people, setup) {
       button.addEventListener("click", () => resume(run));
       offers.append(button);
     }
+    if (run.state === "running") {
+      // One that goes on without this page: the server was started anew meanwhile.
+      const label = `STOP ${named}`;
+      const button = make("button", { type: "button", class: "grave", "aria-label": label }, "STOP");
+      button.addEventListener("click", () => order({ do: "stop", run: run.id }, "STOP was sent."));
+      offers.append(button);
+    }
     if (offers.childNodes.length) node.append(offers);
     return node;
   }

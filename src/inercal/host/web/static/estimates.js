@@ -6,17 +6,21 @@ import { History } from "./history.js";
 
 const KINDS = { f: "accelerometers", w: "gyros" };
 const DECADES = 3; // of shrinking from the top of a small picture to its bottom
+const OFTEN = 300; // ms between pictures
 
 export function makeEstimates(theme, course) {
   const [place, nis, waits] = ["coefficients", "nis", "waits"].map(byId);
   let cells = [];
   let history = null;
-  let chosen = 0;
-  theme.changed.push(() => cells.forEach((cell, i) => spark(cell, i)));
-  new ResizeObserver(() => cells.forEach((cell, i) => spark(cell, i))).observe(place);
+  let last = null; // what is not yet drawn
+  let drawn = 0;
+  const again = () => cells.forEach((cell, i) => spark(cell, i));
+  theme.changed.push(again);
+  new ResizeObserver(again).observe(place);
 
   function plan({ coefficients }) {
     history = new History(coefficients.length);
+    last = null;
     cells = coefficients.map(cell);
     const tables = Object.keys(KINDS).map((kind) => table(kind, coefficients));
     place.replaceChildren(...tables.filter(Boolean));
@@ -59,7 +63,6 @@ export function makeEstimates(theme, course) {
 
   function choose(i, focus) {
     if (!cells[i]) return course.choose(null, null, 0);
-    chosen = i;
     cells.forEach(({ button }, k) => {
       button.setAttribute("aria-pressed", String(k === i));
       button.tabIndex = k === i ? 0 : -1;
@@ -81,9 +84,21 @@ export function makeEstimates(theme, course) {
     if (next) choose(cells.findIndex(({ button }) => button === next), true);
   }
 
-  function estimates({ time, values, u2, nis: found }) {
+  function estimates(message) {
     if (!history) return;
-    history.append(time, values, u2);
+    history.append(message.time, message.values, message.u2);
+    last = message;
+  }
+
+  /** Hundreds come at once to who looks in late: only the last is drawn. */
+  function frame(now) {
+    if (!last || now - drawn < OFTEN) return;
+    drawn = now;
+    show(last);
+    last = null;
+  }
+
+  function show({ values, u2, nis: found }) {
     waits.hidden = values.some(Number.isFinite);
     cells.forEach((one, i) => {
       const [value, spread] = digits(values[i] ?? NaN, u2[i] ?? NaN);
@@ -129,5 +144,5 @@ export function makeEstimates(theme, course) {
     pen.globalAlpha = 1;
   }
 
-  return { plan, estimates, chosen: () => chosen };
+  return { plan, estimates, frame };
 }

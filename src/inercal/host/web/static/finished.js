@@ -1,8 +1,8 @@
 /** After the run: what came of it, and where it goes on. */
 
-import { allow, allowed, byId, make, put } from "./dom.js";
+import { byId, make, put } from "./dom.js";
 import { seen } from "./live.js";
-import { notice, order } from "./notice.js";
+import { order } from "./notice.js";
 
 const SIGNS = { good: "✓", care: "▲", bad: "✗" };
 const LINKS = [
@@ -20,11 +20,9 @@ export function makeFinished(people) {
   const [section, results, resume, away] = ["finished", "results", "resume", "put-away"].map(byId);
 
   away.addEventListener("click", () => {
-    if (!allowed(away)) return notice(away.title);
     people.whenOperating(() => order({ do: "put away" }, "Put away."));
   });
   resume.addEventListener("click", () => {
-    if (!allowed(resume)) return notice(resume.title);
     const command = { do: "resume", run: seen.done?.run, table: null, imu: null };
     people.whenOperating(() => order(command, "Resuming …"));
   });
@@ -41,20 +39,13 @@ export function makeFinished(people) {
       make("a", { href: message[key], ...link }, words)));
     resume.hidden = state === "done";
     section.hidden = false;
-    show();
-  }
-
-  function show() {
-    const { operator, yours } = seen.people;
-    const may = yours || operator === null;
-    for (const button of [away, resume]) allow(button, may, `${operator} operates`);
   }
 
   function hide() {
     section.hidden = true;
   }
 
-  return { plan: hide, idle: hide, done, people: show };
+  return { plan: hide, idle: hide, done };
 }
 
 /** A place on this server, and nothing else. */

@@ -32,9 +32,10 @@ const charts = makeCharts(theme);
 const course = makeCourse(theme);
 const setup = makeSetup(people);
 const attitude = makeAttitude(theme);
+const estimates = makeEstimates(theme, course);
 
 const parts = [
-  { hello: showView, idle: showView, plan: showView, phase: showView, state: showView },
+  { hello: showView, idle: showView, plan: showView, phase: showView, done: showView },
   makeHeader(),
   people,
   controls,
@@ -44,8 +45,7 @@ const parts = [
   makeBench(),
   attitude,
   makeSteps(),
-  makeEstimates(theme, course),
-  course,
+  estimates,
   makeEvents(),
   makeAlarms(),
   makeFinished(people),
@@ -68,11 +68,13 @@ function frame(now) {
   if (!seen.plan) return;
   counts.frames += charts.frame(now);
   attitude.frame(now);
+  estimates.frame(now);
 }
 
 /** The set-up until a run begins, then the run. */
 function showView() {
-  const view = seen.plan ? "run" : seen.phase ? "start" : seen.idle ? "setup" : "wait";
+  const view = seen.plan || seen.done ? "run" : seen.phase ? "start" : seen.idle ? "setup" : "wait";
+  byId("live").hidden = !seen.plan;
   if (view === "start") put(byId("wait"), `${seen.phase} …`);
   if (document.body.dataset.view === view) return;
   document.body.dataset.view = view;

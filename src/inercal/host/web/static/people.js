@@ -1,6 +1,6 @@
 /** Who operates: one, by name; all others watch. */
 
-import { allow, byId, close, open, put } from "./dom.js";
+import { byId, close, open, put } from "./dom.js";
 import { say, seen } from "./live.js";
 import { notice } from "./notice.js";
 
@@ -18,6 +18,9 @@ export function makePeople() {
   name.value = localStorage.getItem(NAME) ?? "";
   name.addEventListener("input", () => localStorage.setItem(NAME, name.value));
   control.addEventListener("click", () => (seen.people.yours ? give() : whenOperating(null)));
+  name.addEventListener("keydown", (event) => {
+    if (event.key === "Enter") whenOperating(null);
+  });
   byId("name-form").addEventListener("submit", (event) => {
     event.preventDefault();
     if (!again.value.trim()) return again.focus();
@@ -66,7 +69,6 @@ export function makePeople() {
     const who = yours ? `you operate (${operator})` : `${operator ?? "nobody"} operates`;
     put(shown, `${who} · ${viewers} ${viewers === 1 ? "viewer" : "viewers"}`);
     put(control, yours ? "Give control back" : "Take control");
-    allow(control, yours || operator === null, `${operator} operates`);
     put(byId("who-says"), yours ? "You operate. Everybody else watches."
       : operator ? `${operator} operates; you watch.` : "One operates, everybody else watches.");
     document.body.classList.toggle("operates", yours);

@@ -13,6 +13,7 @@ export function makeSetup(people) {
   const [plans, sensors, history] = ["plans", "sensors", "history"].map(byId);
   const [table, imu, preset, baud] = ["table", "imu", "preset", "baud"].map(byId);
   const [tableAddress, imuAddress] = ["table-address", "imu-address"].map(byId);
+  const motorBaud = byId("motor-baud");
   const [start, probe, answers] = ["start", "probe", "answers"].map(byId);
   const setup = { whole: null, loaded: [], devices, load };
 
@@ -21,8 +22,10 @@ export function makeSetup(people) {
     couple(event.target);
     show();
   });
-  byId("form").addEventListener("submit", (event) => {
-    event.preventDefault();
+  byId("form").addEventListener("input", show);
+  // Enter in a field is no wish to move a table.
+  byId("form").addEventListener("submit", (event) => event.preventDefault());
+  start.addEventListener("click", () => {
     if (!allowed(start)) return notice(start.title);
     people.whenOperating(() => {
       const sensor = sensors.value || null;
@@ -43,6 +46,7 @@ export function makeSetup(people) {
     if (!answer?.ok) return notice("The server does not say what can be chosen.");
     setup.whole = await answer.json();
     fill();
+    if (setup.whole.trouble) notice(`The register: ${setup.whole.trouble}`);
     for (const tell of setup.loaded) tell(setup.whole);
   }
 
@@ -57,7 +61,8 @@ export function makeSetup(people) {
     const typed = { id: TYPED, what: "network address, typed" };
     options(table, [...tables, typed].map(({ id, what }) => [id, what]));
     options(imu, [...imus, typed].map(({ id, what }) => [id, what]));
-    options(preset, presets.map((one) => [one.name, `${one.name} (${one.protection})`]));
+    options(preset, [["", "not known: probe"],
+      ...presets.map((one) => [one.name, `${one.name} (${one.protection})`])]);
     couple(table);
     show();
   }
@@ -82,13 +87,14 @@ export function makeSetup(people) {
     if (entered) history.href = `/history/${encodeURIComponent(entered.id)}`;
     byId("table-typed").hidden = table.value !== TYPED;
     byId("imu-typed").hidden = imu.value !== TYPED;
-    const port = !["", TYPED, "simulated", "given"].includes(imu.value);
-    byId("imu-preset").hidden = byId("imu-baud").hidden = !port;
+    byId("table-baud").hidden = !isPort(table);
+    byId("imu-preset").hidden = byId("imu-baud").hidden = !isPort(imu);
     put(byId("summary"), plan ? `${name}: ${plan.file}, ${plan.steps} steps, about `
       + `${lasting(plan.seconds)}, method ${plan.method}.` : "");
     const why = plan ? unclear() : "no plan is chosen";
-    allow(start, !why, why);
     allow(probe, !why, why);
+    const unknown = isPort(imu) && !preset.value;
+    allow(start, !why && !unknown, why || "say what packets the IMU sends; probing tells");
   }
 
   /** What is missing in what was typed. */
@@ -99,20 +105,18 @@ export function makeSetup(people) {
     if (imu.value === TYPED && !IMUS.test(imuAddress.value.trim())) {
       return "type the IMU's address, such as tcp://HOST:PORT?preset=xsens";
     }
-    if (!byId("imu-baud").hidden && !/^[1-9]\d{2,7}$/.test(baud.value.trim())) {
-      return "baud is a number such as 115200";
-    }
-    return "";
+    const bauds = [[table, motorBaud], [imu, baud]].filter(([device]) => isPort(device));
+    const wrong = bauds.some(([, field]) => !/^[1-9]\d{2,7}$/.test(field.value.trim()));
+    return wrong ? "baud is a number such as 115200" : "";
   }
 
   /** The devices as the server takes them. */
   function devices() {
-    const port = !byId("imu-preset").hidden;
+    const of = (device, address, more) => device.value === TYPED ? { address: address.value.trim() }
+      : { id: device.value, ...(isPort(device) ? more : {}) };
     return {
-      table: table.value === TYPED ? { address: tableAddress.value.trim() } : { id: table.value },
-      imu: imu.value === TYPED ? { address: imuAddress.value.trim() }
-        : port ? { id: imu.value, preset: preset.value, baud: Number(baud.value.trim()) }
-          : { id: imu.value },
+      table: of(table, tableAddress, { baud: Number(motorBaud.value) }),
+      imu: of(imu, imuAddress, { preset: preset.value || null, baud: Number(baud.value) }),
     };
   }
 
@@ -137,10 +141,16 @@ export function makeSetup(people) {
   return Object.assign(setup, { idle: load });
 }
 
+/** Whether what is chosen is a port of the bench's computer. */
+function isPort(select) {
+  return !["", TYPED, "simulated", "given"].includes(select.value);
+}
+
 /** One plan to choose; a broken one shows what is wrong instead. */
 function planCard(plan) {
   const { id, file, sensor, trouble } = plan;
-  const input = make("input", { type: "radio", name: "plan", value: id, disabled: Boolean(trouble) });
+  const disabled = Boolean(trouble);
+  const input = make("input", { type: "radio", name: "plan", value: id, disabled });
   const words = trouble
     ? make("span", { class: "bad" }, `✗ cannot be run: ${trouble}`)
     : `${plan.steps} steps · ${lasting(plan.seconds)} · ${plan.method}`;

@@ -2,7 +2,7 @@
 
 const NAMES = ["ink", "muted", "faint", "band", "paper", "accent", "side", "x", "y", "z"];
 
-/** Return the colours; they change in place, and `changed` is called, when the device turns dark. */
+/** Return the colours; they change in place, and `changed` is called, when it turns dark. */
 export function followTheme() {
   const theme = { changed: [] };
   const dark = matchMedia("(prefers-color-scheme: dark)");
