@@ -129,7 +129,9 @@ function chart(box, channels, ring, theme) {
       follow(range, own);
     },
     tell() {
-      channels.forEach(({ i }, k) => put(values[k], fixed(ring.values[i][ring.end - 1], 4)));
+      const places = 4 - Math.floor(Math.log10(range.high - range.low));
+      channels.forEach(({ i }, k) =>
+        put(values[k], fixed(ring.values[i][ring.end - 1], Math.max(0, Math.min(places, 8)))));
     },
     draw(from, to) {
       if (!place.visible) return 0;

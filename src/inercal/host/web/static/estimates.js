@@ -12,6 +12,7 @@ export function makeEstimates(theme, course) {
   const [place, nis, waits] = ["coefficients", "nis", "waits"].map(byId);
   let cells = [];
   let history = null;
+  let chosen = ""; // by its name: the page keeps it when it connects again
   let last = null; // what is not yet drawn
   let drawn = 0;
   const again = () => cells.forEach((cell, i) => spark(cell, i));
@@ -26,7 +27,8 @@ export function makeEstimates(theme, course) {
     place.replaceChildren(...tables.filter(Boolean));
     put(nis, "");
     waits.hidden = !coefficients.length;
-    choose(0, false);
+    const before = cells.findIndex(({ coefficient }) => coefficient.name === chosen);
+    choose(Math.max(before, 0), false);
   }
 
   /** A table: what belongs to one kind of coefficient in a row, an axis a column. */
@@ -63,6 +65,7 @@ export function makeEstimates(theme, course) {
 
   function choose(i, focus) {
     if (!cells[i]) return course.choose(null, null, 0);
+    chosen = cells[i].coefficient.name;
     cells.forEach(({ button }, k) => {
       button.setAttribute("aria-pressed", String(k === i));
       button.tabIndex = k === i ? 0 : -1;

@@ -13,7 +13,7 @@ const DEAD = 12; // s: the connection is given up
 /** What the bench has said last. */
 export const seen = {
   link: "connecting", // "live", "silent" or "lost"
-  since: 0, // ms of performance.now(): when the last message came
+  since: 0, // ms of performance.now(): when there was news of the run
   you: null,
   version: "",
   people: { viewers: 0, operator: null, yours: false },
@@ -25,6 +25,8 @@ export const seen = {
 };
 
 let socket = null;
+let opened = 0; // ms
+let newest = NaN; // s of the run: what is told again to who connects again is no news
 let attempts = 0;
 let tell = () => {};
 
@@ -44,15 +46,19 @@ export function say(command) {
 }
 
 /** Whether a run is going on, as far as is known. */
-export const going = () => seen.plan !== null && seen.done === null;
+export const going = () => seen.done === null && (seen.plan !== null || seen.phase !== "");
 
-/** Seconds since the last message. */
+/** Seconds since there was news of the run. */
 export const age = () => (performance.now() - seen.since) / 1000;
+
+/** Whether states should come, ten a second. */
+const expected = () => going() && seen.state !== null && !seen.phase;
 
 function attempt() {
   const scheme = location.protocol === "https:" ? "wss:" : "ws:";
   const made = new WebSocket(`${scheme}//${location.host}/live`);
   socket = made;
+  opened = performance.now();
   made.onmessage = (event) => socket === made && heard(event.data);
   made.onclose = () => {
     if (socket !== made) return;
@@ -77,11 +83,10 @@ function heard(text) {
   } catch {
     return;
   }
-  seen.since = performance.now();
   attempts = 0;
   keep(message);
   tell(message);
-  change("live");
+  change(expected() && age() > SILENT ? "silent" : "live");
 }
 
 function keep(message) {
@@ -104,6 +109,8 @@ function keep(message) {
       seen.phase = message.words;
       break;
     case "state":
+      if (message.time !== newest) seen.since = performance.now();
+      newest = message.time;
       seen.state = message;
       seen.phase = "";
       break;
@@ -123,14 +130,14 @@ function change(link) {
 /** A socket may be open with nobody at its other end. */
 function watch() {
   if (seen.link === "lost" || seen.link === "connecting") return;
-  const expected = going() && seen.state !== null && !seen.phase;
-  if (expected && age() > DEAD) {
+  if (!expected()) return;
+  if (Math.min(age(), (performance.now() - opened) / 1000) > DEAD) {
     const given = socket;
     socket = null;
     given?.close();
     change("lost");
     attempt();
-  } else if (expected && age() > SILENT) {
+  } else if (age() > SILENT) {
     seen.link = "silent";
     tell({ kind: "link", link: "silent" });
   }

@@ -11,7 +11,9 @@ const ATTEMPTS = 5;
 
 export function makePeople() {
   const [control, shown, name, again] = ["control", "people", "name", "name-again"].map(byId);
+  const asking = byId("ask-name");
   let then = null; // what was wanted of one who did not operate yet
+  let answered = false;
   let left = 0;
   let timer = 0;
 
@@ -26,8 +28,14 @@ export function makePeople() {
     if (!again.value.trim()) return again.focus();
     name.value = again.value.trim();
     localStorage.setItem(NAME, name.value);
-    close(byId("ask-name"));
+    answered = true;
+    close(asking);
     ask();
+  });
+  // What was wanted is not done later on, when control is taken for something else.
+  asking.addEventListener("close", () => {
+    if (!answered) then = null;
+    answered = false;
   });
 
   function give() {
@@ -45,12 +53,13 @@ export function makePeople() {
       return name.focus();
     }
     again.value = "";
-    open(byId("ask-name"));
+    open(asking);
   }
 
   function ask() {
-    const sent = say({ do: "operate", name: name.value.trim() });
-    if (!sent) notice("Not connected: nothing was sent.");
+    if (say({ do: "operate", name: name.value.trim() })) return;
+    then = null;
+    notice("Not connected: nothing was sent.");
   }
 
   /** A page that was loaded anew, or whose connection broke, asks for the control that it had. */
@@ -87,5 +96,8 @@ export function makePeople() {
     },
     people,
     refused: () => (then = null),
+    link: ({ link }) => {
+      if (link === "lost") then = null;
+    },
   };
 }

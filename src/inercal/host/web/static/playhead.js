@@ -51,7 +51,7 @@ export class Playhead {
 
   /** Move on to `now`, ms; false when the edge stays where it is. */
   move(now) {
-    const passed = Math.min((now - this.moved) / 1000, 0.25);
+    const passed = Math.max(0, Math.min((now - this.moved) / 1000, 0.25));
     this.moved = now;
     const before = this.at;
     this.at = Math.min(this.newest, this.at + this.pace * (1 + this.hurry) * passed);

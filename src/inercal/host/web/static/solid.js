@@ -32,15 +32,16 @@ export function draw(canvas, c, theme) {
   const scale = (Math.min(width, height * 1.12) * ratio) / 2.9;
   pen.setTransform(1, 0, 0, 1, 0, 0);
   pen.clearRect(0, 0, canvas.width, canvas.height);
-  pen.setTransform(scale, 0, 0, -scale, canvas.width / 2, canvas.height * 0.46);
+  const view = [scale, 0, 0, -scale, canvas.width / 2, canvas.height * 0.46];
+  pen.setTransform(...view);
   pen.lineJoin = "round";
-  card(pen, theme);
+  card(pen, view, theme);
   if (!c) return;
   const axes = [0, 1, 2].map((k) => [c[k], c[3 + k], c[6 + k]]); // of the body, in the level frame
   const order = [0, 1, 2].sort((i, k) => dot(NEAR, axes[i]) - dot(NEAR, axes[k]));
-  for (const k of order) if (dot(NEAR, axes[k]) < 0) axis(pen, k, axes[k], theme);
+  for (const k of order) if (dot(NEAR, axes[k]) < 0) axis(pen, view, k, axes[k], theme);
   faces(pen, axes, theme);
-  for (const k of order) if (dot(NEAR, axes[k]) >= 0) axis(pen, k, axes[k], theme);
+  for (const k of order) if (dot(NEAR, axes[k]) >= 0) axis(pen, view, k, axes[k], theme);
 }
 
 const place = (p) => [dot(RIGHT, p), dot(UP, p)];
@@ -51,21 +52,21 @@ function polygon(pen, points) {
   pen.closePath();
 }
 
-function write(pen, text, p, colour, size) {
+/** Letters are written in pixels: type of a fifth of a pixel, enlarged, is none. */
+function write(pen, view, text, p, colour, size) {
   const [x, y] = place(p);
-  pen.save();
-  pen.translate(x, y);
-  pen.scale(1, -1);
-  pen.font = `600 ${size}px system-ui`;
+  const [scale, , , , left, top] = view;
+  pen.setTransform(1, 0, 0, 1, 0, 0);
+  pen.font = `600 ${Math.round(size * scale)}px system-ui`;
   pen.textAlign = "center";
   pen.textBaseline = "middle";
   pen.fillStyle = colour;
-  pen.fillText(text, 0, 0);
-  pen.restore();
+  pen.fillText(text, left + scale * x, top - scale * y);
+  pen.setTransform(...view);
 }
 
 /** What is level, and where north is. */
-function card(pen, theme) {
+function card(pen, view, theme) {
   const at = (angle, r) => [r * Math.sin(angle), r * Math.cos(angle), FLOOR];
   polygon(pen, Array.from({ length: 48 }, (_, i) => at((i * Math.PI) / 24, CARD)));
   pen.fillStyle = theme.band;
@@ -83,7 +84,7 @@ function card(pen, theme) {
   pen.fillStyle = theme.faint;
   pen.fill();
   ["N", "E", "S", "W"].forEach((letter, i) =>
-    write(pen, letter, at((i * Math.PI) / 2, CARD + 0.14), i ? theme.muted : theme.ink, 0.19));
+    write(pen, view, letter, at((i * Math.PI) / 2, CARD + 0.14), i ? theme.muted : theme.ink, 0.19));
 }
 
 function faces(pen, axes, theme) {
@@ -114,7 +115,7 @@ function faces(pen, axes, theme) {
   }
 }
 
-function axis(pen, k, along, theme) {
+function axis(pen, view, k, along, theme) {
   const from = along.map((x) => x * HALF[k]);
   const to = along.map((x) => x * REACH);
   const colour = theme[LETTERS[k]];
@@ -137,5 +138,5 @@ function axis(pen, k, along, theme) {
     pen.fillStyle = colour;
     pen.fill();
   }
-  write(pen, LETTERS[k], along.map((v) => v * (REACH + 0.22)), colour, 0.24);
+  write(pen, view, LETTERS[k], along.map((v) => v * (REACH + 0.22)), colour, 0.24);
 }

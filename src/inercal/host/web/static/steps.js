@@ -9,11 +9,11 @@ const WORDS = { done: "done:", now: "in hand:", "to-come": "to come:" };
 export function makeSteps() {
   const [list, summary] = ["step-list", "steps-done"].map(byId);
   let items = [];
-  let shown = -1;
+  let shown = NaN;
   let total = 0;
 
   function plan(message) {
-    shown = -1;
+    shown = NaN;
     total = message.steps.length;
     items = message.steps.map((step, i) => {
       const sign = make("span", { class: "sign" });
