@@ -6,6 +6,7 @@ import { History } from "./history.js";
 
 const KINDS = { f: "accelerometers", w: "gyros" };
 const DECADES = 3; // of shrinking from the top of a small picture to its bottom
+const POINTS = 100; // of a small picture
 const OFTEN = 300; // ms between pictures
 
 export function makeEstimates(theme, course) {
@@ -132,6 +133,7 @@ export function makeEstimates(theme, course) {
     let first = 0;
     while (first < size && !(spread[first] > 0)) first += 1;
     if (size - first < 2) return;
+    const stride = Math.max(1, Math.floor((size - first) / POINTS));
     const middle = canvas.height / 2;
     const x = (k) => (canvas.width * (time[k] - time[first])) / (time[size - 1] - time[first]);
     const half = (k) => {
@@ -141,8 +143,10 @@ export function makeEstimates(theme, course) {
     pen.fillStyle = theme.accent;
     pen.globalAlpha = 0.45;
     pen.beginPath();
-    for (let k = first; k < size; k++) pen.lineTo(x(k), middle - half(k));
-    for (let k = size - 1; k >= first; k--) pen.lineTo(x(k), middle + half(k));
+    for (let k = first; k < size; k += stride) pen.lineTo(x(k), middle - half(k));
+    pen.lineTo(canvas.width, middle - half(size - 1));
+    pen.lineTo(canvas.width, middle + half(size - 1));
+    for (let k = size - 1; k >= first; k -= stride) pen.lineTo(x(k), middle + half(k));
     pen.fill();
     pen.globalAlpha = 1;
   }

@@ -49,6 +49,7 @@ export function makePeople() {
     then = what;
     if (name.value.trim()) return ask();
     if (document.body.dataset.view === "setup") {
+      then = null; // what is wanted is pressed again: typing a name moves no table
       notice("Say your name first.");
       return name.focus();
     }
