@@ -112,7 +112,8 @@ def test_the_tables_hold_each_value_with_its_u_and_a_star_beyond(text: str, hist
 def test_the_summary_counts_what_the_verdicts_say(text: str, history: History):
     counts = {verdict: len(names) for verdict, names in history.verdicts.items()}
     assert f"{counts['drifts']} drifting" in lines(history)[0]
-    assert lines(history)[0] in text
+    assert f"Drifting: {', '.join(history.verdicts['drifts'])}." in lines(history)[1]
+    assert all(line in text for line in lines(history))
     assert f"in {history.beyond} of {history.steps}" in text
 
 
@@ -147,7 +148,9 @@ def test_calibrations_of_one_moment_are_drawn(register: Register, tmp_path: Path
     rng = np.random.default_rng(1)
     truth = replace(DRIFTING, sensor="at once")
     for k in range(3):
-        register.enter_calibration(write(tmp_path / f"{k}.json", content(truth, 0.0, rng)))
+        made = content(truth, 0.0, rng)
+        made["provenance"]["recording sha256"] = str(k)
+        register.enter_calibration(write(tmp_path / f"{k}.json", hashed(made)))
     history = register.history("at once")
     assert all(course.line is None for course in history.courses)
     parsed(page(history))

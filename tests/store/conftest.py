@@ -11,6 +11,7 @@ from uuid import uuid4
 
 import psycopg
 import pytest
+from psycopg.sql import SQL, Identifier
 
 _OWNER = "postgres"  # initdb refuses root: this user has the server then
 
@@ -74,9 +75,9 @@ def database(server: str) -> Iterator[str]:
     name = f"r{uuid4().hex[:12]}"
     about = f"host={server} user=inercal"
     with psycopg.connect(f"{about} dbname=postgres", autocommit=True) as connection:
-        connection.execute(f"CREATE DATABASE {name}")
+        connection.execute(SQL("CREATE DATABASE {}").format(Identifier(name)))
         yield f"postgresql://inercal@/{name}?host={server}"
-        connection.execute(f"DROP DATABASE {name} WITH (FORCE)")
+        connection.execute(SQL("DROP DATABASE {} WITH (FORCE)").format(Identifier(name)))
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])

@@ -114,12 +114,6 @@ def test_a_repeat_within_u_is_not_called_a_change(address: str, tmp_path: Path):
         history = of(register, *paths)
         assert history.verdicts == {"steady": tuple(STEADY.names)}
         assert history.beyond == 0
-        second["coefficients"][3]["value"] += 0.2 * stds(STEADY.names)[3] * 10
-        later = second["provenance"] | {"created": "2023-01-01"}
-        changed = write(tmp_path / "third.json", hashed(second | {"provenance": later}))
-        register.enter_calibration(changed)
-        course = register.history("steady").course(STEADY.names[3])
-    assert course.values.size == 3
 
 
 def test_what_exceeds_u_between_two_calibrations_is_a_change(register: Register, tmp_path: Path):
@@ -197,6 +191,21 @@ def test_other_terms_are_left_out_with_the_reason(
     first, second = two(tmp_path, change)
     with pytest.raises(InputError, match="the first cannot be compared with the second"):
         compare(load(first), load(second))
+
+
+def test_of_calibrations_of_one_recording_the_last_entered_counts(
+    register: Register, tmp_path: Path
+):
+    def of_the_other(first: dict[str, Any]) -> None:
+        first["provenance"]["recording sha256"] = recording
+
+    recording = content(STEADY, 0.5, np.random.default_rng(1))["provenance"]["recording sha256"]
+    paths = two(tmp_path, of_the_other)
+    history = of(register, *paths)
+    assert [entry.id for entry in history.entries] == [2]
+    assert history.left_out == ("calibration #1 is of the same recording as #2",)
+    assert compare(load(paths[0]), load(paths[1])).one_recording
+    assert not compare(*(load(path) for path in two(tmp_path))).one_recording
 
 
 def test_coefficients_that_the_newest_lacks_are_named(register: Register, tmp_path: Path):

@@ -49,6 +49,7 @@ def of_comparison(compared: Comparison, names: tuple[str, str]) -> dict[str, Any
             }
             for k, name in enumerate(compared.names)
         ],
+        "one_recording": compared.one_recording,
         "beyond": compared.beyond,
         "by_chance": compared.by_chance,
         "joint": None if compared.joint is None else compared.joint._asdict(),

@@ -14,6 +14,8 @@ from inercal.store.changes import Verdict
 from inercal.store.history import Course
 from inercal.store.words import drift, en, of_history, point, slope
 
+_WORDS: dict[Verdict, str] = {"drifts": "drifting", "changed": "changed", "steady": "steady"}
+
 
 @dataclass(frozen=True)
 class Row:
@@ -68,8 +70,8 @@ def page(history: History) -> str:
             first=_date(history.entries[0].measured),
             last=_date(history.entries[-1].measured),
             tone="good" if set(history.verdicts) <= {"steady", "too few"} else "care",
-            summary=_summary(history),
-            lines=[_sentence(line) for line in of_history(history)],
+            summary=lines(history)[0],
+            lines=lines(history)[1:],
             section=_section(groups),
             groups=groups,
             entries=_entries(history),
@@ -82,9 +84,15 @@ def section(history: History) -> Markup:
     return _section(_groups(history))
 
 
-def lines(history: History) -> list[str]:
+def lines(history: History) -> list[Markup]:
     """Return what the history says as a whole, in sentences; the first is the summary."""
-    return [_summary(history), *(_sentence(line) for line in of_history(history))]
+    named = [
+        f"{word}: {', '.join(names)}"
+        for verdict, word in _WORDS.items()
+        if verdict != "steady" and (names := history.verdicts.get(verdict, ()))
+    ]
+    told = [_summary(history), *named, *of_history(history)]
+    return [_sentence(line) for line in told]
 
 
 def _section(groups: list[Group]) -> Markup:
@@ -100,17 +108,17 @@ def _environment() -> Environment:
 
 
 def _summary(history: History) -> str:
-    words: dict[Verdict, str] = {"drifts": "drifting", "changed": "changed", "steady": "steady"}
     told = [
         f"{len(names)} {word}"
-        for verdict, word in words.items()
+        for verdict, word in _WORDS.items()
         if (names := history.verdicts.get(verdict, ()))
     ]
-    return f"Coefficients: {', '.join(told)}." if told else "One calibration: nothing to compare."
+    return f"coefficients: {', '.join(told)}" if told else "one calibration: nothing to compare"
 
 
-def _sentence(line: str) -> str:
-    return minus(f"{line[0].upper()}{line[1:]}.")
+def _sentence(line: str) -> Markup:
+    text = Markup.escape(minus(f"{line[0].upper()}{line[1:]}."))
+    return text.replace("E_n", Markup("E<sub>n</sub>"))
 
 
 def _groups(history: History) -> list[Group]:

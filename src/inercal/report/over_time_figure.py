@@ -23,6 +23,9 @@ _HEIGHT, _BELOW = 1.3, 0.4  # inches
 _COLUMNS = 2
 _PAD = 0.04  # of the time that is shown
 _LEAST = 30.0  # days to both sides
+# Of ticks a year, a month, … apart, and of those at the begin of a longer such time.
+_FORMATS = ["%Y", "%Y-%m", "%d", "%H:%M", "%H:%M", "%S"]
+_FIRST = ["", "%Y", "%Y-%m", "%m-%d", "%H:%M", "%H:%M"]
 _DAY = 86_400.0  # s; times of a figure are in days since 1970
 _YEAR = YEAR / _DAY
 
@@ -47,9 +50,12 @@ def courses(history: History, found: Sequence[Course], name: str) -> Markup:
     for axes, course in zip(panels, found, strict=False):
         _panel(axes, course, first)
         axes.set_xlim(first - room, last + room)
-        locator = AutoDateLocator(minticks=3, maxticks=7)
+        locator = AutoDateLocator(minticks=3, maxticks=6)
         axes.xaxis.set_major_locator(locator)
-        axes.xaxis.set_major_formatter(ConciseDateFormatter(locator, show_offset=False))
+        formatter = ConciseDateFormatter(
+            locator, formats=_FORMATS, zero_formats=_FIRST, show_offset=False
+        )
+        axes.xaxis.set_major_formatter(formatter)
     for axes in panels[len(found) :]:
         axes.set_axis_off()
     told = "; ".join(f"{one.name} {one.verdict}" for one in found)

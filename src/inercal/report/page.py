@@ -125,7 +125,7 @@ def _residuals(outcome: Outcome) -> Markup | None:
     return residuals(outcome) if estimate.whitened.size or estimate.groups else None
 
 
-def _over_time(register: "History") -> tuple[list[str], Markup]:
+def _over_time(register: "History") -> tuple[list[Markup], Markup]:
     """Return what a history says, and its figures with the table of verdicts."""
     # Here, for a history comes with what the register needs, which reports do without.
     from inercal.report.over_time import lines, section

@@ -60,3 +60,8 @@ def held(calibration: Calibration) -> frozenset[str]:
     sensor = calibration.sensor
     rows = zip(sensor.coefficients, calibration.std, sensor.natural, strict=True)
     return frozenset(name for name, std, natural in rows if std <= _HELD * natural)
+
+
+def recording_of(calibration: Calibration) -> str:
+    """Return the SHA-256 of the recording that a calibration is of; empty where it names none."""
+    return calibration.provenance.get("recording sha256", "")

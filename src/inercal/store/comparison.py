@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from inercal.calibration import Calibration
 from inercal.errors import InputError
 from inercal.store import changes
-from inercal.store.comparable import brought, held
+from inercal.store.comparable import brought, held, recording_of
 
 Array = NDArray[np.float64]
 
@@ -59,6 +59,12 @@ class Comparison:
             picks = [one.sensor.coefficients.index(name) for name in self.names]
             total += one.covariance[np.ix_(picks, picks)]
         return changes.joint(self.difference, total)
+
+    @property
+    def one_recording(self) -> bool:
+        """Whether both are of the same recording: then they share its errors."""
+        first, second = map(recording_of, self._both)
+        return bool(first) and first == second
 
     @property
     def beyond(self) -> int:

@@ -12,6 +12,7 @@ from inercal.calibration import Calibration
 from inercal.calibration.files import as_object, parse, text_of
 from inercal.errors import InputError
 from inercal.sensors import SI_UNITS
+from inercal.store.comparable import recording_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +77,7 @@ def document(source: Calibration | str | Path) -> Document:
         content["sha256"],
         calibration,
         created,
-        calibration.provenance.get("recording sha256", ""),
+        recording_of(calibration),
     )
 
 

@@ -115,13 +115,16 @@ def _enter_files(db: Connection, run_id: int, facts: RunFacts, who: Who) -> None
         row.name: (row.size, row.sha256)
         for row in db.execute(select(file).where(file.c.run_id == run_id))
     }
+    new: list[dict[str, Any]] = []
     for name, (size, sha256) in facts.files.items():
         values = {"size": size, "sha256": sha256, **who.columns}
         if name not in there:
-            db.execute(insert(file).values(run_id=run_id, name=name, **values))
+            new.append({"run_id": run_id, "name": name, **values})
         elif there[name] != (size, sha256):
             one = (file.c.run_id == run_id, file.c.name == name)
             db.execute(update(file).where(*one).values(values))
+    if new:
+        db.execute(insert(file), new)
 
 
 def enter_calibration(

@@ -13,7 +13,7 @@ from inercal.calibration import Calibration
 from inercal.errors import InputError
 from inercal.sensors.choose import choose
 from inercal.store import changes
-from inercal.store.comparable import brought, held
+from inercal.store.comparable import brought, held, recording_of
 from inercal.store.comparison import compared
 from inercal.store.entries import CalibrationEntry, SensorEntry
 
@@ -87,7 +87,8 @@ class History:
         The test of all coefficients together, of each calibration against the one before; None of
         the first, and of one that has no coefficient in common with it.
     left_out : tuple of str
-        In words: calibrations that cannot be compared, coefficients that are not in the newest or
+        In words: calibrations of a recording that has a later one, or that cannot be compared;
+        coefficients that are not in the newest or
         that no data stand behind.
     """
 
@@ -168,9 +169,9 @@ def history_of(sensor: SensorEntry, entries: Sequence[CalibrationEntry]) -> Hist
     """
     if not entries:
         raise InputError(f"sensor {sensor.name!r} has no calibration in the register yet")
+    entries, left_out = _once(entries)
     newest = entries[-1].calibration
     kept: list[tuple[CalibrationEntry, Calibration]] = []
-    left_out: list[str] = []
     for entry in entries:
         try:
             kept.append((entry, brought(entry.calibration, newest)))
@@ -193,6 +194,26 @@ def history_of(sensor: SensorEntry, entries: Sequence[CalibrationEntry]) -> Hist
         (None, *(compared(a, b).joint for a, b in pairwise(found))),
         tuple(left_out),
     )
+
+
+def _once(entries: Sequence[CalibrationEntry]) -> tuple[list[CalibrationEntry], list[str]]:
+    """Return one calibration of each recording, the last entered, and what is left out in words.
+
+    Two of one recording have the same errors: as a repeat they would prove nothing.
+    """
+    last: dict[str, int] = {}
+    for entry in entries:
+        recording = recording_of(entry.calibration) or f"#{entry.id}"
+        last[recording] = max(entry.id, last.get(recording, 0))
+    kept: list[CalibrationEntry] = []
+    left_out: list[str] = []
+    for entry in entries:
+        number = last[recording_of(entry.calibration) or f"#{entry.id}"]
+        if number == entry.id:
+            kept.append(entry)
+        else:
+            left_out.append(f"calibration #{entry.id} is of the same recording as #{number}")
+    return kept, left_out
 
 
 def _course(name: str, newest: Calibration, found: Sequence[Calibration], years: Array) -> Course:

@@ -72,6 +72,10 @@ def of_comparison(compared: Comparison) -> list[str]:
     """Return what a comparison says as a whole, line by line."""
     first, second = compared.first.sensor.name, compared.second.sensor.name
     lines = [f"they are of two sensors: {first} and {second}"] if first != second else []
+    if compared.one_recording:
+        lines.append(
+            "both are of one recording: they share its errors, and E_n says nothing of a change"
+        )
     lines.append(_beyond(compared.beyond, len(compared.names), compared.by_chance))
     if compared.joint is not None:
         lines.append(f"all together: {joint(compared.joint)}")
