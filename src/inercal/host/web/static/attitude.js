@@ -5,6 +5,7 @@ import { fixed, signed } from "./format.js";
 import { draw } from "./solid.js";
 import { calm } from "./theme.js";
 
+const OFTEN = 30; // ms between pictures
 const NEAR = 0.12; // s in which a picture comes near to what was said last
 const SAME = 1e-5; // of a matrix' elements: nothing is to be seen of less
 const JUMP = 1.2; // more is no motion but a new place
@@ -69,6 +70,7 @@ export function makeAttitude(theme) {
   }
 
   function frame(now) {
+    if (now - last < OFTEN) return;
     const share = calm.matches ? 1 : 1 - Math.exp(-(now - last) / (1000 * NEAR));
     last = now;
     for (const view of views) {

@@ -32,7 +32,7 @@ const charts = makeCharts(theme);
 const course = makeCourse(theme);
 const setup = makeSetup(people);
 const attitude = makeAttitude(theme);
-const estimates = makeEstimates(theme, course);
+const estimates = makeEstimates(course);
 
 const parts = [
   { hello: showView, idle: showView, plan: showView, phase: showView, done: showView },

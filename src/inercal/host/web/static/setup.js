@@ -94,7 +94,9 @@ export function makeSetup(people) {
     const why = plan ? unclear() : "no plan is chosen";
     allow(probe, !why, why);
     const unknown = isPort(imu) && !preset.value;
-    allow(start, !why && !unknown, why || "say what packets the IMU sends; probing tells");
+    const first = why || (unknown ? "say what packets the IMU sends; probing tells" : "");
+    allow(start, !first, first);
+    put(byId("start-why"), first ? `Before it can start: ${first}` : "");
   }
 
   /** What is missing in what was typed. */
