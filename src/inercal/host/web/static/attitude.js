@@ -57,8 +57,8 @@ export function makeAttitude(theme) {
     if (!attitude) return;
     const table = angles(attitude.table);
     ["roll", "pitch", "heading"].forEach((key, i) => {
-      put(cells[key][0], fixed(table[i], 3));
-      put(cells[key][1], fixed(attitude[key], 3));
+      put(cells[key][0], angle(key, table[i]));
+      put(cells[key][1], angle(key, attitude[key]));
     });
     for (let i = 0; i < 3; i++) {
       put(cells.apart[i], signed(attitude.apart?.[i], 1));
@@ -81,6 +81,12 @@ export function makeAttitude(theme) {
   }
 
   return { plan, state, frame };
+}
+
+/** An angle as it is read; a heading that rounds to a whole turn is north. */
+function angle(key, value) {
+  const text = fixed(value, 3);
+  return key === "heading" && text === "360.000" ? "0.000" : text;
 }
 
 /** Bring what is shown nearer to what is wanted; true while it is not there. */

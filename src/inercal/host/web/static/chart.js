@@ -1,7 +1,7 @@
 /**
  * One chart of up to three channels, in two layers: a still one with the scale of the values, and
- * over it one with the lines, which is drawn when samples come, somewhat wider than what is in sight,
- * and then only moved: to draw all points anew for each picture of the screen keeps a core busy.
+ * over it one with the lines, which is drawn when samples come, wider than what is in sight, and
+ * then only moved: to draw all points anew for each picture of the screen keeps a core busy.
  */
 
 import { make, put, svg } from "./dom.js";
@@ -24,14 +24,16 @@ export function makeChart(box, channels, ring, theme) {
     ...channels.map(({ name }, k) =>
       make("span", { class: "series" }, swatch(k), make("span", {}, name), values[k])));
   const letters = channels.map((_, k) =>
-    make("span", { class: `letter ${LETTERS[k % 3]}`, "aria-hidden": "true" }, LETTERS[k % 3]));
+    make("span", { class: `letter ${LETTERS[k % 3]}`, "aria-hidden": "true", hidden: true },
+      LETTERS[k % 3]));
   const clip = make("div", { class: "moving" });
   place.replaceChildren(clip, ...letters);
   place.setAttribute("role", "img");
   place.setAttribute("aria-label", `${title}: ${names} over time`);
 
   const range = { low: NaN, high: NaN, wide: 0 };
-  const view = { from: 0, span: 10, at: NaN }; // s: the left end of what is drawn, what is in sight
+  const view = { from: 0, span: 10, at: NaN }; // s: left end of what is drawn, what is in sight
+  let missed = false; // what came while nobody could see it
   const inner = () => Math.max(place.clientWidth - LEFT - RIGHT, 100);
   const axis = { stroke: () => theme.muted, ticks: { show: false }, font: "12px system-ui" };
   const grid = { stroke: () => theme.band, width: 1 };
@@ -63,6 +65,8 @@ export function makeChart(box, channels, ring, theme) {
   /** Draw what can be seen soon. */
   function take(at, span) {
     Object.assign(view, { from: at - span, span, at: NaN });
+    missed = !place.visible;
+    if (missed) return;
     const first = Math.max(0, ring.from(view.from) - 1);
     const own = channels.map(({ i }) => ring.values[i].subarray(first, ring.end));
     const [low, high] = [range.low, range.high];
@@ -79,6 +83,7 @@ export function makeChart(box, channels, ring, theme) {
   /** Move the lines so that `at` is at the right edge; return 1 when that changed something. */
   function move(at) {
     if (!place.visible) return 0;
+    if (missed) take(at, view.span);
     const ratio = devicePixelRatio;
     const px = Math.round(((at - view.span - view.from) / view.span) * inner() * ratio) / ratio;
     if (px === view.at) return 0;

@@ -7,6 +7,7 @@ import { Ring } from "./ring.js";
 import { calm } from "./theme.js";
 
 const LEGEND = 250; // ms between values that are read as numbers
+const PIECE = 400; // ms: smaller pieces are drawn several at a time
 
 export function makeCharts(theme) {
   const head = new Playhead();
@@ -19,6 +20,8 @@ export function makeCharts(theme) {
   let span = 10; // s that are in sight
   let read = 0;
   let fresh = false; // what came is not drawn yet
+  let taken = 0; // ms: when it was
+  let until = 0; // s: how far
   theme.changed.push(() => charts.forEach((one) => one.recolour()));
 
   function plan({ channels }) {
@@ -58,17 +61,18 @@ export function makeCharts(theme) {
   function frame(now) {
     if (!ring?.end) return 0;
     const moved = head.move(now);
-    if (!fresh && (!moved || calm.matches)) return 0;
+    const due = fresh && (now - taken > PIECE || head.at > until);
+    if (!due && (!moved || calm.matches)) return 0;
+    if (due) [fresh, taken, until] = [false, now, head.newest];
     if (now - read > LEGEND) {
       read = now;
       for (const one of charts) one.tell(head.at);
     }
     let changed = 0;
     for (const one of charts) {
-      if (fresh) one.take(head.at, span);
+      if (due) one.take(head.at, span);
       changed |= one.move(head.at);
     }
-    fresh = false;
     return changed;
   }
 

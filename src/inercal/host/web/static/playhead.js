@@ -7,6 +7,7 @@
 
 const KEPT = 8; // pieces, of which that with the largest step is left out: it may be a jump
 const BEHIND = 1.5; // pieces
+const LEAST = 0.8; // s of the wall: small pieces are drawn several at a time
 const AT_ONCE = 0.02; // s: pieces that come together count as one
 
 export class Playhead {
@@ -32,7 +33,7 @@ export class Playhead {
     if (!(step > 0) || waited > 5) {
       this.clear();
       Object.assign(this, { newest, came: now, moved: now });
-      this.at = newest - BEHIND * this.piece;
+      this.at = newest - this.#behind();
       return;
     }
     this.newest = newest;
@@ -41,10 +42,11 @@ export class Playhead {
     this.pieces.push([step, waited]);
     if (this.pieces.length > KEPT) this.pieces.shift();
     this.#measure();
-    const error = newest - BEHIND * this.piece - this.at;
-    if (Math.abs(error) > 4 * this.piece) this.at += error;
+    const behind = this.#behind();
+    const error = newest - behind - this.at;
+    if (Math.abs(error) > 2.5 * behind) this.at += error;
     // What is missing is made up for during the next pieces, by less than eyes see.
-    else this.hurry = Math.max(-0.3, Math.min(0.3, error / (4 * this.piece)));
+    else this.hurry = Math.max(-0.3, Math.min(0.3, error / (2.5 * behind)));
   }
 
   /** Move on to `now`, ms; false when the edge stays where it is. */
@@ -54,6 +56,10 @@ export class Playhead {
     const before = this.at;
     this.at = Math.min(this.newest, this.at + this.pace * (1 + this.hurry) * passed);
     return this.at !== before;
+  }
+
+  #behind() {
+    return Math.max(BEHIND * this.piece, LEAST * this.pace);
   }
 
   #measure() {

@@ -21,6 +21,7 @@ export function makeSetup(people) {
   byId("form").addEventListener("change", (event) => {
     couple(event.target);
     show();
+    if (event.target !== byId("name")) answers.replaceChildren(); // they were of something else
   });
   byId("form").addEventListener("input", show);
   // Enter in a field is no wish to move a table.
