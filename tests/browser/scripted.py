@@ -4,6 +4,7 @@ import asyncio
 import json
 import socket
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from threading import Condition, Thread
@@ -129,7 +130,8 @@ class Scripted:
     async def _send(self, messages: tuple[Message, ...]) -> None:
         for message in messages:
             for one in list(self._sockets):
-                await one.send_text(json.dumps(message))
+                with suppress(WebSocketDisconnect):  # one that has just gone
+                    await one.send_text(json.dumps(message))
 
     async def _drop(self) -> None:
         for one in list(self._sockets):
@@ -142,7 +144,8 @@ class Scripted:
     async def _who(self, one: WebSocket) -> None:
         yours = one is self._operates
         said = {"viewers": len(self._sockets), "operator": self.operator, "yours": yours}
-        await one.send_text(json.dumps({"kind": "people", **said}))
+        with suppress(WebSocketDisconnect):
+            await one.send_text(json.dumps({"kind": "people", **said}))
 
     async def _live(self, one: WebSocket) -> None:
         self._loop = asyncio.get_running_loop()
@@ -191,7 +194,8 @@ class Scripted:
         return JSONResponse(self.probed)
 
     async def _file(self, request: Request) -> Response:
-        return HTMLResponse(f"<!DOCTYPE html><title>file</title><h1>{request.url.path}</h1>")
+        icon = '<link rel="icon" href="/static/icon.svg">'
+        return HTMLResponse(f"<!DOCTYPE html>{icon}<title>file</title><h1>{request.url.path}</h1>")
 
 
 class _Guarded:

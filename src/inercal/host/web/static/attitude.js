@@ -5,6 +5,7 @@ import { fixed, signed } from "./format.js";
 import { draw } from "./solid.js";
 import { calm } from "./theme.js";
 
+const OFTEN = 30; // ms between pictures
 const NEAR = 0.12; // s in which a picture comes near to what was said last
 const SAME = 1e-5; // of a matrix' elements: nothing is to be seen of less
 const JUMP = 1.2; // more is no motion but a new place
@@ -56,8 +57,8 @@ export function makeAttitude(theme) {
     if (!attitude) return;
     const table = angles(attitude.table);
     ["roll", "pitch", "heading"].forEach((key, i) => {
-      put(cells[key][0], fixed(table[i], 3));
-      put(cells[key][1], fixed(attitude[key], 3));
+      put(cells[key][0], angle(key, table[i]));
+      put(cells[key][1], angle(key, attitude[key]));
     });
     for (let i = 0; i < 3; i++) {
       put(cells.apart[i], signed(attitude.apart?.[i], 1));
@@ -69,6 +70,7 @@ export function makeAttitude(theme) {
   }
 
   function frame(now) {
+    if (now - last < OFTEN) return;
     const share = calm.matches ? 1 : 1 - Math.exp(-(now - last) / (1000 * NEAR));
     last = now;
     for (const view of views) {
@@ -79,6 +81,12 @@ export function makeAttitude(theme) {
   }
 
   return { plan, state, frame };
+}
+
+/** An angle as it is read; a heading that rounds to a whole turn is north. */
+function angle(key, value) {
+  const text = fixed(value, 3);
+  return key === "heading" && text === "360.000" ? "0.000" : text;
 }
 
 /** Bring what is shown nearer to what is wanted; true while it is not there. */

@@ -68,6 +68,9 @@ export function makeCourse(theme) {
 
   function draw() {
     if (!coefficient || !place.clientWidth) return;
+    const known = history.size > 0 && Number.isFinite(history.value[index][history.size - 1]);
+    byId("course-waits").hidden = known;
+    if (!known && !plot) return;
     plot ??= build();
     const { time, size } = history;
     const [value, spread] = [history.value[index], history.spread[index]];

@@ -22,6 +22,13 @@ export function make(tag, attributes = {}, ...children) {
   return node;
 }
 
+/** Make an element of a drawing. */
+export function svg(tag, attributes) {
+  const node = document.createElementNS("http://www.w3.org/2000/svg", tag);
+  for (const [name, value] of Object.entries(attributes)) node.setAttribute(name, value);
+  return node;
+}
+
 /** A button that cannot be used stays in the order of Tab and says so. */
 export function allow(button, may, why = "") {
   button.setAttribute("aria-disabled", String(!may));

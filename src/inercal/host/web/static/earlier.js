@@ -34,7 +34,8 @@ export function makeEarlier(people, setup) {
     if (run.state === "running") {
       // One that goes on without this page: the server was started anew meanwhile.
       const label = `STOP ${named}`;
-      const button = make("button", { type: "button", class: "grave", "aria-label": label }, "STOP");
+      const looks = { type: "button", class: "grave", "aria-label": label };
+      const button = make("button", looks, "STOP");
       button.addEventListener("click", () => order({ do: "stop", run: run.id }, "STOP was sent."));
       offers.append(button);
     }

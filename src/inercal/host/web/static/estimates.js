@@ -1,6 +1,6 @@
 /** The coefficients as the filters find them: by kind and axis, each with how its ±2σ shrank. */
 
-import { byId, make, put } from "./dom.js";
+import { byId, make, put, svg } from "./dom.js";
 import { digits, fixed } from "./format.js";
 import { History } from "./history.js";
 
@@ -9,16 +9,13 @@ const DECADES = 3; // of shrinking from the top of a small picture to its bottom
 const POINTS = 100; // of a small picture
 const OFTEN = 300; // ms between pictures
 
-export function makeEstimates(theme, course) {
+export function makeEstimates(course) {
   const [place, nis, waits] = ["coefficients", "nis", "waits"].map(byId);
   let cells = [];
   let history = null;
   let chosen = ""; // by its name: the page keeps it when it connects again
   let last = null; // what is not yet drawn
   let drawn = 0;
-  const again = () => cells.forEach((cell, i) => spark(cell, i));
-  theme.changed.push(again);
-  new ResizeObserver(again).observe(place);
 
   function plan({ coefficients }) {
     history = new History(coefficients.length);
@@ -55,13 +52,16 @@ export function makeEstimates(theme, course) {
 
   function cell(coefficient, i) {
     const value = make("span", { class: "value" }, "—");
-    const canvas = make("canvas", { "aria-hidden": "true" });
+    const picture = svg("svg", { viewBox: "0 0 100 16", preserveAspectRatio: "none",
+      "aria-hidden": "true" });
+    const funnel = svg("path", { d: "" });
+    picture.append(funnel);
     const button = make("button", { type: "button", class: "coefficient", tabindex: "-1",
       "aria-pressed": "false", "data-name": coefficient.name,
-      "aria-label": `${coefficient.name}: not known yet` }, value, canvas);
+      "aria-label": `${coefficient.name}: not known yet` }, value, picture);
     button.addEventListener("click", () => choose(i, true));
     button.addEventListener("keydown", (event) => move(event));
-    return { button, value, canvas, coefficient };
+    return { button, value, funnel, coefficient };
   }
 
   function choose(i, focus) {
@@ -120,35 +120,25 @@ export function makeEstimates(theme, course) {
   }
 
   /** Half the width of the band is 2σ, logarithmic: a third of the height for a factor of ten. */
-  function spark({ canvas, button }, i) {
-    const { clientWidth: width, clientHeight: height } = canvas;
-    if (!history || !width || !button.isConnected) return;
-    const ratio = devicePixelRatio;
-    if (canvas.width !== Math.round(width * ratio)) canvas.width = Math.round(width * ratio);
-    if (canvas.height !== Math.round(height * ratio)) canvas.height = Math.round(height * ratio);
-    const pen = canvas.getContext("2d");
-    pen.clearRect(0, 0, canvas.width, canvas.height);
+  function spark({ funnel }, i) {
     const { size, time } = history;
     const spread = history.spread[i];
     let first = 0;
     while (first < size && !(spread[first] > 0)) first += 1;
-    if (size - first < 2) return;
+    const last = size - 1;
+    if (last <= first) return funnel.setAttribute("d", "");
     const stride = Math.max(1, Math.floor((size - first) / POINTS));
-    const middle = canvas.height / 2;
-    const x = (k) => (canvas.width * (time[k] - time[first])) / (time[size - 1] - time[first]);
-    const half = (k) => {
+    const over = [];
+    const under = [];
+    for (let k = first; ; k = Math.min(k + stride, last)) {
+      const x = ((100 * (time[k] - time[first])) / (time[last] - time[first])).toFixed(1);
       const lost = Math.log10(spread[first] / spread[k]) / DECADES;
-      return Math.max(1, middle * Math.min(1, 1 - lost || 0));
-    };
-    pen.fillStyle = theme.accent;
-    pen.globalAlpha = 0.45;
-    pen.beginPath();
-    for (let k = first; k < size; k += stride) pen.lineTo(x(k), middle - half(k));
-    pen.lineTo(canvas.width, middle - half(size - 1));
-    pen.lineTo(canvas.width, middle + half(size - 1));
-    for (let k = size - 1; k >= first; k -= stride) pen.lineTo(x(k), middle + half(k));
-    pen.fill();
-    pen.globalAlpha = 1;
+      const half = Math.max(0.6, 8 * Math.min(1, 1 - lost || 0));
+      over.push(`${x} ${(8 - half).toFixed(1)}`);
+      under.push(`${x} ${(8 + half).toFixed(1)}`);
+      if (k === last) break;
+    }
+    funnel.setAttribute("d", `M${over.join("L")}L${under.reverse().join("L")}Z`);
   }
 
   return { plan, estimates, frame };

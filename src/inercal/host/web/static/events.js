@@ -13,8 +13,7 @@ export function makeEvents() {
   function event({ level, time, words, at }) {
     const line = make("li", { class: level, title: at ?? "" },
       make("span", { class: "time" }, clock(time)),
-      make("span", { class: "level" }, SIGNS[level] ?? level), " ",
-      make("span", { class: "words" }, words));
+      make("span", {}, make("span", { class: "level" }, SIGNS[level] ?? level), " ", words));
     list.prepend(line);
     while (list.childElementCount > MOST) list.lastElementChild.remove();
     // What came before this page did is not read aloud, and alarms are by their own region.

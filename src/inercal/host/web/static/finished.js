@@ -20,7 +20,7 @@ export function makeFinished(people) {
   const [section, results, resume, away] = ["finished", "results", "resume", "put-away"].map(byId);
 
   away.addEventListener("click", () => {
-    people.whenOperating(() => order({ do: "put away" }, "Put away."));
+    people.whenOperating(() => order({ do: "put away" }, ""));
   });
   resume.addEventListener("click", () => {
     const command = { do: "resume", run: seen.done?.run, table: null, imu: null };
@@ -36,7 +36,7 @@ export function makeFinished(people) {
     put(byId("done-words"), message.words ?? "");
     const link = { target: "_blank", rel: "noopener", class: "button" };
     results.replaceChildren(...LINKS.filter(([key]) => own(message[key])).map(([key, words]) =>
-      make("a", { href: message[key], ...link }, words)));
+      make("a", { href: message[key], download: key === "calibration", ...link }, words)));
     resume.hidden = state === "done";
     section.hidden = false;
   }

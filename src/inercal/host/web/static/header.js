@@ -84,7 +84,7 @@ function words() {
   if (done) return done.state;
   if (seen.phase) return seen.phase;
   if (!state) return seen.plan ? "beginning" : "";
-  if (state.paused) return `paused: ${state.paused}`;
+  if (state.paused) return /^paused/.test(state.paused) ? state.paused : `paused: ${state.paused}`;
   const count = seen.plan?.steps.length ?? 0;
   const step = seen.plan?.steps[state.done];
   const doing = PHASES[state.phase] ?? state.phase;

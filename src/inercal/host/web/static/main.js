@@ -20,6 +20,7 @@ import { makeFinished } from "./finished.js";
 import { makeHeader } from "./header.js";
 import { listen } from "./keys.js";
 import { connect, seen } from "./live.js";
+import { notice } from "./notice.js";
 import { makePeople } from "./people.js";
 import { makeSetup } from "./setup.js";
 import { makeSteps } from "./steps.js";
@@ -32,7 +33,7 @@ const charts = makeCharts(theme);
 const course = makeCourse(theme);
 const setup = makeSetup(people);
 const attitude = makeAttitude(theme);
-const estimates = makeEstimates(theme, course);
+const estimates = makeEstimates(course);
 
 const parts = [
   { hello: showView, idle: showView, plan: showView, phase: showView, done: showView },
@@ -78,5 +79,6 @@ function showView() {
   if (view === "start") put(byId("wait"), `${seen.phase} …`);
   if (document.body.dataset.view === view) return;
   document.body.dataset.view = view;
+  notice("");
   scrollTo(0, 0);
 }

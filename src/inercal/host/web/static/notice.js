@@ -13,7 +13,7 @@ export function notice(words) {
   timer = setTimeout(() => (byId("notice").textContent = ""), LASTS);
 }
 
-/** Send a command, and say so. */
+/** Send a command; say so, or that there is no connection. */
 export function order(command, words) {
   notice(say(command) ? words : "Not connected: nothing was sent.");
 }

@@ -5,8 +5,9 @@
  * behind its end that the next piece comes before the edge is there: a picture that glides.
  */
 
-const SHARE = 0.2; // of a new piece in the running means
+const KEPT = 8; // pieces, of which that with the largest step is left out: it may be a jump
 const BEHIND = 1.5; // pieces
+const LEAST = 0.8; // s of the wall: small pieces are drawn several at a time
 const AT_ONCE = 0.02; // s: pieces that come together count as one
 
 export class Playhead {
@@ -19,7 +20,7 @@ export class Playhead {
     this.pace = 1; // s of the recording in one of the wall's
     this.newest = NaN;
     this.piece = 0.5; // s of the recording
-    this.every = 0.5; // s of the wall
+    this.pieces = []; // [s of the recording, s of the wall]
     this.came = 0;
     this.moved = 0;
     this.hurry = 0;
@@ -30,23 +31,22 @@ export class Playhead {
     const waited = (now - this.came) / 1000;
     const step = newest - this.newest;
     if (!(step > 0) || waited > 5) {
-      const { pace, piece, every } = this;
       this.clear();
-      if (step > 0) Object.assign(this, { pace, piece, every });
       Object.assign(this, { newest, came: now, moved: now });
-      this.at = newest - BEHIND * this.piece;
+      this.at = newest - this.#behind();
       return;
     }
     this.newest = newest;
     if (waited < AT_ONCE) return;
     this.came = now;
-    this.piece += SHARE * (step - this.piece);
-    this.every += SHARE * (waited - this.every);
-    this.pace = this.piece / this.every;
-    const error = newest - BEHIND * this.piece - this.at;
-    if (Math.abs(error) > 4 * this.piece) this.at += error;
+    this.pieces.push([step, waited]);
+    if (this.pieces.length > KEPT) this.pieces.shift();
+    this.#measure();
+    const behind = this.#behind();
+    const error = newest - behind - this.at;
+    if (Math.abs(error) > 2.5 * behind) this.at += error;
     // What is missing is made up for during the next pieces, by less than eyes see.
-    else this.hurry = Math.max(-0.3, Math.min(0.3, error / (4 * this.piece)));
+    else this.hurry = Math.max(-0.3, Math.min(0.3, error / (2.5 * behind)));
   }
 
   /** Move on to `now`, ms; false when the edge stays where it is. */
@@ -58,11 +58,16 @@ export class Playhead {
     return this.at !== before;
   }
 
-  /** The seconds that ten of the wall's take, as a round number. */
-  get window() {
-    if (this.pace < 1.5) return 10;
-    const power = 10 ** Math.floor(Math.log10(this.pace));
-    const lead = this.pace / power;
-    return 10 * power * (lead < 1.5 ? 1 : lead < 3.5 ? 2 : lead < 7.5 ? 5 : 10);
+  #behind() {
+    return Math.max(BEHIND * this.piece, LEAST * this.pace);
+  }
+
+  #measure() {
+    const most = Math.max(...this.pieces.map(([step]) => step));
+    const usual = this.pieces.filter(([step]) => this.pieces.length < 3 || step < most);
+    const counted = usual.length ? usual : this.pieces;
+    const sum = (k) => counted.reduce((all, one) => all + one[k], 0);
+    this.piece = sum(0) / counted.length;
+    this.pace = sum(0) / sum(1);
   }
 }

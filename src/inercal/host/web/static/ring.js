@@ -15,7 +15,6 @@ export class Ring {
 
   clear() {
     this.end = 0;
-    this.gaps = []; // [from, to] in s: where samples are missing
   }
 
   /** Take in samples that follow: times (n), and n values of each channel. */
@@ -31,7 +30,6 @@ export class Ring {
       const from = y[i];
       for (let k = 0; k < t.length; k++) channel[this.end + k] = from?.[k] ?? NaN;
     });
-    this.#findGaps(this.end, this.end + t.length);
     this.end += t.length;
   }
 
@@ -51,17 +49,5 @@ export class Ring {
     this.time.copyWithin(0, begin, this.end);
     for (const channel of this.values) channel.copyWithin(0, begin, this.end);
     this.end -= begin;
-  }
-
-  #findGaps(begin, end) {
-    const { time } = this;
-    const usual = (time[end - 1] - time[begin]) / Math.max(end - 1 - begin, 1);
-    const first = Math.max(begin, 1);
-    for (let i = first; i < end; i++) {
-      const step = time[i] - time[i - 1];
-      if (step > 6 * usual && step > 0.04) this.gaps.push([time[i - 1], time[i]]);
-    }
-    while (this.gaps.length && this.gaps[0][1] < time[0]) this.gaps.shift();
-    if (this.gaps.length > 200) this.gaps.splice(0, 100);
   }
 }

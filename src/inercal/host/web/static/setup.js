@@ -21,6 +21,7 @@ export function makeSetup(people) {
   byId("form").addEventListener("change", (event) => {
     couple(event.target);
     show();
+    if (event.target !== byId("name")) answers.replaceChildren(); // they were of something else
   });
   byId("form").addEventListener("input", show);
   // Enter in a field is no wish to move a table.
@@ -94,7 +95,9 @@ export function makeSetup(people) {
     const why = plan ? unclear() : "no plan is chosen";
     allow(probe, !why, why);
     const unknown = isPort(imu) && !preset.value;
-    allow(start, !why && !unknown, why || "say what packets the IMU sends; probing tells");
+    const first = why || (unknown ? "say what packets the IMU sends; probing tells" : "");
+    allow(start, !first, first);
+    put(byId("start-why"), first ? `Before it can start: ${first}` : "");
   }
 
   /** What is missing in what was typed. */

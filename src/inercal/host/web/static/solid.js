@@ -13,10 +13,11 @@ const RIGHT = [Math.cos(A), Math.sin(A), 0];
 const UP = [-Math.sin(A) * Math.sin(E), Math.cos(A) * Math.sin(E), Math.cos(E)];
 const NEAR = [Math.sin(A) * Math.cos(E), -Math.cos(A) * Math.cos(E), Math.sin(E)];
 const LIGHT = [-0.35, -0.45, 0.82]; // from the left, the south and above
-const HALF = [0.5, 0.72, 0.3]; // of the box, along x, y, z: its longest side points ahead
-const REACH = 1.22; // of an axis
-const FLOOR = -1.05; // the card lies below
-const CARD = 1.18;
+const HALF = [0.46, 0.68, 0.28]; // of the box, along x, y, z: its longest side points ahead
+const REACH = 1.15; // of an axis
+const FLOOR = -0.95; // the card lies below
+const CARD = 1.15;
+const [WIDE, HIGH, MIDDLE] = [3.05, 3.2, 0.48]; // what is in sight; the body's place from the top
 const LETTERS = ["x", "y", "z"];
 
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
@@ -29,10 +30,10 @@ export function draw(canvas, c, theme) {
   if (canvas.width !== Math.round(width * ratio)) canvas.width = Math.round(width * ratio);
   if (canvas.height !== Math.round(height * ratio)) canvas.height = Math.round(height * ratio);
   const pen = canvas.getContext("2d");
-  const scale = (Math.min(width, height * 1.12) * ratio) / 2.9;
+  const scale = Math.min(width / WIDE, height / HIGH) * ratio;
   pen.setTransform(1, 0, 0, 1, 0, 0);
   pen.clearRect(0, 0, canvas.width, canvas.height);
-  const view = [scale, 0, 0, -scale, canvas.width / 2, canvas.height * 0.46];
+  const view = [scale, 0, 0, -scale, canvas.width / 2, canvas.height * MIDDLE];
   pen.setTransform(...view);
   pen.lineJoin = "round";
   card(pen, view, theme);
@@ -83,8 +84,10 @@ function card(pen, view, theme) {
   polygon(pen, [at(0, 0.92), at(Math.PI / 2, 0.09), at(-Math.PI / 2, 0.09)]);
   pen.fillStyle = theme.faint;
   pen.fill();
-  ["N", "E", "S", "W"].forEach((letter, i) =>
-    write(pen, view, letter, at((i * Math.PI) / 2, CARD + 0.14), i ? theme.muted : theme.ink, 0.19));
+  ["N", "E", "S", "W"].forEach((letter, i) => {
+    const colour = i ? theme.muted : theme.ink;
+    write(pen, view, letter, at((i * Math.PI) / 2, CARD + 0.14), colour, 0.19);
+  });
 }
 
 function faces(pen, axes, theme) {
@@ -138,5 +141,5 @@ function axis(pen, view, k, along, theme) {
     pen.fillStyle = colour;
     pen.fill();
   }
-  write(pen, view, LETTERS[k], along.map((v) => v * (REACH + 0.22)), colour, 0.24);
+  write(pen, view, LETTERS[k], along.map((v) => v * (REACH + 0.2)), colour, 0.24);
 }

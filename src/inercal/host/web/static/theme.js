@@ -19,5 +19,9 @@ export function followTheme() {
 /** Whether what moves should rather jump. */
 export const calm = matchMedia("(prefers-reduced-motion: reduce)");
 
-/** Axes are told apart without colour too: a line, dashes, dots. */
-export const DASHES = [[], [7, 4], [2, 3]];
+/** Axes are told apart without colour too: a line, dashes, dots; as shares of what is in sight. */
+export const DASHES = [
+  { legend: "none", period: 1, drawn: 1 },
+  { legend: "7 4", period: 0.02, drawn: 0.65 },
+  { legend: "2 3", period: 0.008, drawn: 0.4 },
+];
