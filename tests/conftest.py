@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 
 import pytest
+from tests.seeds import SEEDS
 
 
 @pytest.fixture(scope="session")
@@ -14,3 +15,9 @@ def data_dir() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no real data at {folder}; set INERCAL_DATA to its folder")
     return folder
+
+
+@pytest.fixture(params=SEEDS)
+def seed(request: pytest.FixtureRequest) -> int:
+    """Return a base seed."""
+    return request.param

@@ -106,7 +106,6 @@ def judged(run: Run, seed: int, trials: int) -> None:
     assert nees.mean() == pytest.approx(1, abs=4 * np.sqrt(2 / 12 / trials))
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
 def test_simulated_recordings_err_as_their_calibrations_state(tmp_path: Path, seed: int):
     judged(run_of(tmp_path, *SHORT), seed, 100)
 

@@ -12,7 +12,7 @@ from tests.runfile.texts import SIX_POSITIONS, run_file
 
 from inercal.cli.app import main
 
-HEAVY = ("numpy", "scipy", "numba", "pint", "matplotlib")
+HEAVY = ("numpy", "scipy", "numba", "pint", "matplotlib", "sqlalchemy", "alembic")
 VERBS = (
     "demo",
     "calibrate",
@@ -23,6 +23,7 @@ VERBS = (
     "report",
     "reproduce",
     "bench",
+    "store",
 )
 
 
@@ -41,6 +42,8 @@ def inercal(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
         ["budget", "--help"],
         ["bench", "--help"],
         ["bench", "run", "--help"],
+        ["store", "--help"],
+        ["store", "history", "--help"],
         ["--version"],
     ],
 )

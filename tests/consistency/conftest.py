@@ -8,6 +8,7 @@ import pytest
 from numpy.typing import NDArray
 from tests.accuracy.generator import DEGREE, Handling, Imu, mems, record
 from tests.accuracy.through_inercal import bench, observed, truth
+from tests.seeds import SEEDS
 
 from inercal.benches import Hand
 from inercal.estimate import Estimate
@@ -61,7 +62,7 @@ class Sessions:
     judged: Mapping[str, Judged] = field(default_factory=dict)
 
 
-@pytest.fixture(scope="session", params=[1, 2, 3])
+@pytest.fixture(scope="session", params=SEEDS)
 def sessions(request: pytest.FixtureRequest) -> Sessions:
     rng = np.random.default_rng([request.param, 20_260])
     # The accelerometers sit off the turning axis: a turn's mean specific force is not gravity.

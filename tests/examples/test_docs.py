@@ -3,6 +3,7 @@
 import re
 import tomllib
 from collections.abc import Iterator
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -10,14 +11,18 @@ import numpy as np
 import pytest
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
+from tests.store import generator
 
 import inercal
 from inercal.benches import Hand
+from inercal.cli import store_objects
 from inercal.methods import METHODS
 from inercal.pipeline import calibrate
 from inercal.runfile import schema
 from inercal.sensors import SI_UNITS
 from inercal.sensors.tables import ACCELEROMETER, GYRO, Coefficient
+from inercal.store import FileEntry, Register, RunEntry
+from inercal.store.comparison import compare
 from inercal.units import Measured, digits, parse
 
 ROOT = Path(__file__).parents[2]
@@ -235,3 +240,44 @@ def test_numbers_in_the_ferraris_guide_are_those_of_the_recording(data_dir: Path
             si = calibration.sensor.coefficient(full).si
             u = 2 * calibration.uncertainty(full) / si
             assert (cells[2 * k], cells[2 * k + 1]) == digits(calibration.value(full) / si, u)
+
+
+def test_the_register_page_names_every_field_of_what_is_printed(tmp_path: Path):
+    text = section(page("how-to/register.md"), "For programs")
+    named = set(re.findall(r"`(\w+)`", text))
+    rng = np.random.default_rng(1)
+    with Register(str(tmp_path / "r.db"), by="Ada") as register:
+        for years in (0.0, 1.0, 2.0):
+            made = generator.content(generator.DRIFTING, years, rng)
+            path = generator.write(tmp_path / f"{years}.calibration.json", made)
+            register.enter_calibration(path)
+        entry, history = register.calibration(1), register.history(1)
+        rows = register.coefficients(1)
+        (sensor,) = register.sensors()
+    first, second = (one.calibration for one in history.entries[:2])
+    objects = (
+        store_objects.of_entry(sensor),
+        store_objects.of_calibration(entry, rows) | {"content": {}},
+        store_objects.of_history(history),
+        store_objects.of_comparison(compare(first, second), ("1", "2")),
+        dict.fromkeys(one.name for one in fields(RunEntry)),
+        dict.fromkeys(FileEntry._fields),
+    )
+
+    def keys(found: Any) -> set[str]:
+        if isinstance(found, dict):
+            return set(found).union(*map(keys, found.values()))
+        return set().union(*map(keys, found)) if isinstance(found, list) else set()
+
+    assert keys(list(objects)) <= named
+
+
+def test_the_snippet_of_the_register_page_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setenv("INERCAL_REGISTER", str(tmp_path / "r.db"))
+    made = generator.content(generator.DRIFTING, 0.0, np.random.default_rng(1))
+    file = generator.write(tmp_path / "run.calibration.json", made)
+    (text,) = snippets("how-to/register.md")
+    exec(text.replace("run.calibration.json", str(file)), {})
+    assert capsys.readouterr().out.startswith("{'too few': ('ax.k0', ")

@@ -177,6 +177,20 @@ def test_the_calibration_of_an_example_is_the_documented_json(examples: Path, tm
         assert key in page, key
 
 
+def test_the_register_guide_prints_what_its_example_prints_and_a_page_is_left(tmp_path: Path):
+    done = subprocess.run(
+        [sys.executable, "-W", "error", ROOT / "examples" / "register" / "five_years.py"],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONIOENCODING": "utf-8"},
+        capture_output=True,
+        encoding="utf-8",
+        check=True,
+    )
+    guide = (ROOT / "docs" / "how-to" / "register.md").read_text(encoding="utf-8")
+    assert f"```text\n{done.stdout}```" in guide
+    assert "<svg" in (tmp_path / "five_years.html").read_text(encoding="utf-8")
+
+
 def test_the_centrifuge_guide_prints_what_its_example_prints():
     example = ROOT / "examples" / "centrifuge" / "in_python.py"
     done = subprocess.run(

@@ -193,7 +193,6 @@ def test_closed_formulas_scatter_as_the_note_says(
     assert found[possible].std(axis=0) == pytest.approx(np.array(expected), rel=0.1)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
 def test_four_thousand_calibrations_reach_the_bound(seed: int):
     trials = 4000
     seen, made, spins = table(*drawn(seed, trials))
@@ -310,7 +309,6 @@ def test_in_the_reference_form_rotations_show_through_k2_alone():
     assert np.all((sd > 6e-5) & (sd < 1.6e-4))
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
 def test_errors_of_the_bench_are_in_the_uncertainty(seed: int):
     """Radius, stretch, rate, tilt, gravity and the earth's rate are drawn, and each dwell's own."""
     rng = np.random.default_rng([seed, 293])

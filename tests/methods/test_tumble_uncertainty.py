@@ -14,7 +14,6 @@ from tests.methods.tumble_cases import (
     ESTIMATORS,
     EXACT,
     NOISE,
-    SEEDS,
     SIX,
     Array,
     Estimator,
@@ -45,7 +44,6 @@ DRAWN = DividingHead(
 )
 
 
-@pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("form", ["reference", "tilted"])
 def test_least_squares_scatters_as_it_states_and_reaches_its_bound(seed: int, form: str):
     rng, trials = np.random.default_rng([seed, 71]), 400
@@ -65,7 +63,6 @@ def test_least_squares_scatters_as_it_states_and_reaches_its_bound(seed: int, fo
     assert np.mean(found.chi2) == pytest.approx(found.dof, abs=4 * np.sqrt(2 * found.dof / trials))
 
 
-@pytest.mark.parametrize("seed", SEEDS)
 def test_fourier_scatters_as_it_states(seed: int):
     rng, trials = np.random.default_rng([seed, 72]), 300
     bench = DRAWN
@@ -85,7 +82,6 @@ def test_fourier_scatters_as_it_states(seed: int):
     assert np.all(ratio < 1.5)
 
 
-@pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 def test_graduations_and_drift_are_in_what_is_stated(estimator: Estimator, seed: int):
     rng, trials = np.random.default_rng([seed, 73]), 200
@@ -100,7 +96,6 @@ def test_graduations_and_drift_are_in_what_is_stated(estimator: Estimator, seed:
     assert np.mean(np.sum((value - true) * solved, axis=-1)) / 6 > 1.5
 
 
-@pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("collimated", ["none", "pairs", "every"])
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 def test_all_that_a_bench_can_err_by_is_in_what_is_stated(

@@ -52,7 +52,6 @@ def nis(estimate: Estimate) -> list[float]:
     return [group.chi2 / group.dof for group in estimate.groups]
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
 def test_innovations_are_as_stated_where_all_is_as_stated(seed: int):
     draw = drawn(seed)
     estimate = found(draw)

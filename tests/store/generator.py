@@ -100,7 +100,7 @@ def stds(names: Sequence[str]) -> NDArray[np.float64]:
 def covariance(names: Sequence[str], seed: int, factor: float = 1.0) -> NDArray[np.float64]:
     """Return a covariance with those standard uncertainties and some correlation."""
     rng = np.random.default_rng(seed)
-    root = np.eye(len(names)) + 0.3 * rng.standard_normal((len(names), len(names)))
+    root = np.eye(len(names)) + 0.1 * rng.standard_normal((len(names), len(names)))
     c = root @ root.T
     s = factor * stds(names) / np.sqrt(np.diag(c))
     return c * np.outer(s, s)

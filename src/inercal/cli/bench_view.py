@@ -11,12 +11,15 @@ if TYPE_CHECKING:
     from inercal.host.run import BenchRun
 
 _COLOURS = {"info": "default", "warning": "yellow", "alarm": "bold red"}
-_KEYS = "p pause · g go on · Ctrl-C stop"
+KEYS, STOP = "p pause · g go on · Ctrl-C stop", "Ctrl-C stop"
 
 
 @contextmanager
-def viewing() -> Generator[Callable[["BenchRun"], None]]:
-    """Give what shows a run on standard error: a panel on a terminal, else a line an event."""
+def viewing(keys: str = KEYS) -> Generator[Callable[["BenchRun"], None]]:
+    """Give what shows a run on standard error: a panel on a terminal, else a line an event.
+
+    `keys` is what the panel says of those that are listened to.
+    """
     from rich.console import Console
     from rich.live import Live
 
@@ -37,13 +40,13 @@ def viewing() -> Generator[Callable[["BenchRun"], None]]:
     with Live(console=console, auto_refresh=False, transient=True) as live:
 
         def draw(run: "BenchRun") -> None:
-            live.update(panel(run), refresh=True)
+            live.update(panel(run, keys), refresh=True)
 
         yield draw
 
 
-def panel(run: "BenchRun") -> "RenderableType":
-    """Return the picture of a run."""
+def panel(run: "BenchRun", keys: str = KEYS) -> "RenderableType":
+    """Return the picture of a run, with what is said of keys."""
     from rich.console import Group
     from rich.panel import Panel
     from rich.table import Table
@@ -68,7 +71,7 @@ def panel(run: "BenchRun") -> "RenderableType":
     said = Text()
     for level, words in run.account.said:
         said.append(f"{words}\n", style=_COLOURS[level])
-    parts = [head, axes, Text(_imu(run)), *_found(run), said, Text(_KEYS, style="dim")]
+    parts = [head, axes, Text(_imu(run)), *_found(run), said, Text(keys, style="dim")]
     return Panel(Group(*parts), title=run.name)
 
 

@@ -16,7 +16,7 @@ def run(
 ) -> None:
     """Drive a simulated table and IMU through a whole calibration, with the truth beside it."""
     from inercal.calibration.files import as_object
-    from inercal.cli.bench_view import viewing
+    from inercal.cli.bench_view import STOP, viewing
     from inercal.cli.show import as_json, as_table
     from inercal.demonstration import demo
     from inercal.host.folder import require_free
@@ -24,7 +24,7 @@ def run(
     require_free(out)
     say = "starting a simulated bench; the first time on a machine all is compiled, about a minute"
     print(say, file=sys.stderr, flush=True)
-    with viewing() as show:
+    with viewing(STOP) as show:
         shown = demo(out, seed, quick=quick, show=show)
     if json:
         result = as_object(shown.outcome.calibration)

@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from hashlib import sha256
 from pathlib import Path
 from threading import Thread
+from typing import TYPE_CHECKING
 
 from inercal.errors import InercalError, InputError
 from inercal.host.folder import JOURNAL, LOG, Folder
@@ -12,10 +13,12 @@ from inercal.host.journal import Header, Journal
 from inercal.host.log import digest
 from inercal.runfile import Run
 from inercal.runfile.checks import KINDS
-from inercal.store import History, Register, RunFacts
+
+if TYPE_CHECKING:  # a bench runs without a register
+    from inercal.store import History, Register
 
 
-def enter(register: Register, folder: str | Path) -> int:
+def enter(register: "Register", folder: str | Path) -> int:
     """Enter the run of a folder, its files and its calibration if there is one; return its id.
 
     As often as one likes: what is there already stays, state and files are brought up to date.
@@ -31,6 +34,8 @@ def enter(register: Register, folder: str | Path) -> int:
         There is no journal in the folder, a file of raw data is not what the journal says, or the
         register cannot be written. Nothing is entered then.
     """
+    from inercal.store import RunFacts
+
     folder = Path(folder)
     with Journal(folder / JOURNAL) as journal:
         header, files = journal.header(), journal.files()
@@ -95,7 +100,7 @@ class Keeper:
         Why it was not entered the last time, and how to do it later; empty where all is well.
     """
 
-    def __init__(self, register: Register | None, folder: str | Path):
+    def __init__(self, register: "Register | None", folder: str | Path):
         self._register, self._folder = register, Path(folder)
         self.trouble = ""
 
@@ -122,7 +127,7 @@ class Keeper:
         finally:
             thread.join()
 
-    def history(self, sensor: str) -> History | None:
+    def history(self, sensor: str) -> "History | None":
         """Enter the run as it is now; return its sensor's history, None where there is none."""
         self.enter()
         if self._register is None or self.trouble:

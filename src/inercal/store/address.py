@@ -1,7 +1,7 @@
 """Where a register is: a file of SQLite, or a database of a PostgreSQL server."""
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from sqlalchemy import URL, make_url
@@ -31,7 +31,7 @@ class Address:
         To be printed: it holds no password.
     """
 
-    url: URL
+    url: URL = field(repr=False)  # it may hold a password where SQLAlchemy does not hide one
     file: Path | None
     shown: str
 
@@ -102,6 +102,6 @@ def _on_server(text: str) -> Address:
     if "@" in (url.host or ""):
         raise refusal
     hidden = url.set(drivername="postgresql").update_query_dict(
-        dict.fromkeys((name for name in _SECRETS if name in url.query), "***")
+        dict.fromkeys((name for name in _SECRETS if name in url.query), "hidden")
     )
     return Address(url.set(drivername="postgresql+psycopg"), None, hidden.render_as_string())

@@ -9,14 +9,14 @@ from inercal.store.history import Course, History
 from inercal.units import digits
 
 INDEPENDENT = (
-    "errors that calibrations share, as of one bench, are counted as independent: E_n and χ² are "
-    "then smaller than they should be, and a change must be larger to be seen"
+    "errors that calibrations share, as of one bench, are counted as if they were independent: E_n "
+    "and χ² come out too small then, and a change must be larger to be seen"
 )
 
 
 def en(value: float) -> str:
     """Return E_n, with a star where it exceeds 1 to either side; nothing of the first."""
-    return "" if isnan(value) else f"{value:+.2f}" + " *" * (abs(value) > 1)
+    return "" if isnan(value) else f"{value:+.2f}{' *' if abs(value) > 1 else ''}"
 
 
 def point(course: Course, k: int) -> tuple[str, str]:
@@ -61,6 +61,8 @@ def of_history(history: History) -> list[str]:
         lines.append(_beyond(history.beyond, history.steps, history.by_chance))
     if (test := history.joint[-1]) is not None:
         lines.append(f"the newest calibration against the one before, all together: {joint(test)}")
+    if any(one.line is not None for one in history.courses):
+        lines.append("where nothing changes about one coefficient in 13 is not called steady")
     if history.steps:
         lines.append(INDEPENDENT)
     return [*lines, *(f"left out: {one}" for one in history.left_out)]

@@ -1,0 +1,35 @@
+"""A sensor calibrated once a year; its x axis drifts 40 µg a year. What the register says of it."""
+
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import inercal
+from inercal.io.write import write_recording
+from inercal.pipeline import named_as_in, simulate
+from inercal.report import write_history
+from inercal.runfile import read
+from inercal.sensors import G0
+from inercal.store import Register
+from inercal.store.words import drift, en, of_history, point
+
+run = read(Path(__file__).parents[1] / "ferraris_simulated" / "run.toml")
+with TemporaryDirectory() as folder, Register(f"{folder}/register.db", by="Ada") as register:
+    for year in range(5):
+        truth = {**run.truth, "ax.k0": run.truth["ax.k0"] + year * 40e-6 * G0}
+        session = replace(run, path=Path(folder) / "run.toml", truth=truth)
+        recording = named_as_in(session, simulate(session, seed=year))
+        write_recording(recording, session.file(session.data.file))
+        found = inercal.calibrate(session).calibration
+        register.enter_calibration(found, measured=f"{2021 + year}-03-01")
+    history = register.history(run.sensor.name)
+
+for name in ("ax.k0", "ay.k0", "gx.scale"):
+    course = history.course(name)
+    print(f"{name}: {course.verdict}; {drift(course)}")
+    for k, place in enumerate(course.points):
+        date, value = history.entries[place].measured[:10], " ± ".join(point(course, k))
+        print(f"  {date}  {value} {course.unit}  {en(course.normalised[k])}".rstrip())
+for line in of_history(history):
+    print(line)
+write_history(history, "five_years.html")

@@ -1,0 +1,123 @@
+/** Where the body is: by the table's angles, and beside it by the IMU's readings alone. */
+
+import { byId, make, put } from "./dom.js";
+import { fixed, signed } from "./format.js";
+import { draw } from "./solid.js";
+import { calm } from "./theme.js";
+
+const NEAR = 0.12; // s in which a picture comes near to what was said last
+const SAME = 1e-5; // of a matrix' elements: nothing is to be seen of less
+const JUMP = 1.2; // more is no motion but a new place
+const DEGREES = 180 / Math.PI;
+
+export function makeAttitude(theme) {
+  const numbers = byId("attitude-numbers");
+  const views = [["by-table", "table"], ["by-imu", "navigation"]].map(([id, key]) =>
+    ({ canvas: byId(id), key, wanted: null, shown: null, stale: true }));
+  const cells = {};
+  let last = 0;
+  const redraw = () => views.forEach((view) => (view.stale = true));
+  theme.changed.push(redraw);
+  new ResizeObserver(redraw).observe(byId("by-table"));
+
+  const row = (key, name, columns) => {
+    cells[key] = Array.from({ length: columns }, () => make("td", {}, "—"));
+    return make("tr", {}, make("th", { scope: "row" }, name), ...cells[key]);
+  };
+  const table = (heads, ...rows) => make("table", { class: "numbers" },
+    make("thead", {}, make("tr", {}, ...heads.map((head) => make("th", { scope: "col" }, head)))),
+    make("tbody", {}, ...rows));
+  numbers.append(
+    table(["°", "table", "navigation"],
+      row("roll", "roll", 2), row("pitch", "pitch", 2), row("heading", "heading", 2)),
+    table(["", "east", "north", "up"],
+      row("apart", "table ahead by, ″", 3), row("velocity", "velocity, m/s", 3)),
+    table(["strapdown matrix", "x", "y", "z"],
+      row("c0", "east", 3), row("c1", "north", 3), row("c2", "up", 3)),
+  );
+
+  function plan() {
+    for (const view of views) Object.assign(view, { wanted: null, shown: null, stale: true });
+    say(null);
+  }
+
+  function state({ attitude }) {
+    if (!attitude) return;
+    for (const view of views) {
+      view.wanted = attitude[view.key] ?? null;
+      view.stale = true;
+    }
+    say(attitude);
+  }
+
+  function say(attitude) {
+    numbers.hidden = !attitude;
+    byId("attitude-waits").hidden = Boolean(attitude);
+    if (!attitude) return;
+    const table = angles(attitude.table);
+    ["roll", "pitch", "heading"].forEach((key, i) => {
+      put(cells[key][0], fixed(table[i], 3));
+      put(cells[key][1], fixed(attitude[key], 3));
+    });
+    for (let i = 0; i < 3; i++) {
+      put(cells.apart[i], signed(attitude.apart?.[i], 1));
+      put(cells.velocity[i], signed(attitude.velocity?.[i], 3));
+      for (let k = 0; k < 3; k++) {
+        put(cells[`c${i}`][k], signed(attitude.navigation?.[3 * i + k], 6));
+      }
+    }
+  }
+
+  function frame(now) {
+    const share = calm.matches ? 1 : 1 - Math.exp(-(now - last) / (1000 * NEAR));
+    last = now;
+    for (const view of views) {
+      if (!view.stale) continue;
+      view.stale = approach(view, share);
+      draw(view.canvas, view.shown, theme);
+    }
+  }
+
+  return { plan, state, frame };
+}
+
+/** Bring what is shown nearer to what is wanted; true while it is not there. */
+function approach(view, share) {
+  const { wanted, shown } = view;
+  if (!wanted || !shown || share > 0.99) {
+    view.shown = wanted && [...wanted];
+    return false;
+  }
+  let most = 0;
+  for (let i = 0; i < 9; i++) most = Math.max(most, Math.abs(wanted[i] - shown[i]));
+  if (most < SAME || most > JUMP) {
+    for (let i = 0; i < 9; i++) shown[i] = wanted[i];
+    return false;
+  }
+  for (let i = 0; i < 9; i++) shown[i] += share * (wanted[i] - shown[i]);
+  square(shown);
+  return true;
+}
+
+/** Make the columns orthogonal and one long again. */
+function square(c) {
+  for (let k = 0; k < 2; k++) {
+    if (k) {
+      const along = c[0] * c[1] + c[3] * c[4] + c[6] * c[7];
+      for (let i = 0; i < 9; i += 3) c[i + 1] -= along * c[i];
+    }
+    const length = Math.hypot(c[k], c[3 + k], c[6 + k]);
+    for (let i = 0; i < 9; i += 3) c[i + k] /= length;
+  }
+  c[2] = c[3] * c[7] - c[6] * c[4];
+  c[5] = c[6] * c[1] - c[0] * c[7];
+  c[8] = c[0] * c[4] - c[3] * c[1];
+}
+
+/** Roll, pitch and heading, °: heading of the body's y axis, clockwise from north. */
+function angles(c) {
+  if (!c) return [NaN, NaN, NaN];
+  const pitch = Math.asin(Math.max(-1, Math.min(1, c[7])));
+  const heading = Math.atan2(c[1], c[4]);
+  return [Math.atan2(-c[6], c[8]) * DEGREES, pitch * DEGREES, ((heading * DEGREES) + 360) % 360];
+}

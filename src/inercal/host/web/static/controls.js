@@ -1,0 +1,62 @@
+/** The buttons of a run. */
+
+import { allow, allowed, byId, close, open } from "./dom.js";
+import { going, say, seen } from "./live.js";
+import { notice, order } from "./notice.js";
+
+export function makeControls() {
+  const [stop, pause, goOn, abort] = ["stop", "pause", "go-on", "abort"].map(byId);
+  const asking = byId("ask-abort");
+
+  stop.addEventListener("click", stopNow);
+  pause.addEventListener("click", () => ask(pause, "pause", "The bench is asked to pause."));
+  goOn.addEventListener("click", () => ask(goOn, "go on", "The bench is asked to go on."));
+  abort.addEventListener("click", () => {
+    if (allowed(abort)) open(asking);
+    else notice(abort.title);
+  });
+  byId("abort-yes").addEventListener("click", () => {
+    close(asking);
+    ask(abort, "abort", "The bench is asked to abort.");
+  });
+  for (const button of document.querySelectorAll("[data-closes]")) {
+    button.addEventListener("click", () => close(button.closest("dialog")));
+  }
+  show();
+
+  /** Any viewer may: it goes to the watchdog. */
+  function stopNow() {
+    if (!say({ do: "stop" })) {
+      return notice("STOP was NOT sent, there is no connection: use the emergency stop.");
+    }
+    notice(going() ? "STOP was sent." : "STOP was sent; no run is known to go on.");
+  }
+
+  function ask(button, what, words) {
+    if (allowed(button)) order({ do: what }, words);
+    else notice(button.title);
+  }
+
+  /** Which of them can do something now, and why not. */
+  function show() {
+    const paused = Boolean(seen.state?.paused) || seen.state?.phase === "paused";
+    const why = !going() ? "no run goes on"
+      : seen.link === "lost" ? "not connected"
+      : !seen.people.yours ? "only who operates may: take control first" : "";
+    const begun = seen.state !== null && !seen.phase;
+    const idle = paused ? "it is paused" : "the table is not driven now";
+    allow(pause, !why && begun && !paused, why || idle);
+    allow(goOn, !why && paused, why || "it is not paused");
+    allow(abort, !why, why);
+    document.body.classList.toggle("paused", paused && going());
+  }
+
+  return {
+    stop: stopNow,
+    pause: () => pause.click(),
+    goOn: () => goOn.click(),
+    abort: () => abort.click(),
+    people: show, plan: show, idle: show, phase: show, state: show, done: show, link: show,
+    refused: ({ words }) => notice(`Refused: ${words}`),
+  };
+}

@@ -1,0 +1,53 @@
+/** Runs of before: one that was interrupted is resumed, one that is done has its report. */
+
+import { byId, make } from "./dom.js";
+import { moment } from "./format.js";
+import { order } from "./notice.js";
+
+const SIGNS = { done: "✓ done", interrupted: "‖ interrupted", running: "▶ running",
+  "carried out": "▷ measured, not yet calibrated" };
+
+export function makeEarlier(people, setup) {
+  const list = byId("runs");
+  const chosen = byId("chosen-devices");
+  setup.loaded.push(({ runs }) => {
+    list.replaceChildren(...runs.map(line));
+    if (!runs.length) list.append(make("li", {}, "None yet."));
+  });
+
+  function line(run) {
+    const named = `${run.sensor}, ${moment(run.begun)}`;
+    const words = `${moment(run.begun)} · ${SIGNS[run.state] ?? run.state} · ${run.id}`;
+    const node = make("li", {},
+      make("strong", {}, run.sensor), " ", make("span", { class: "small" }, words));
+    const offers = make("span", { class: "buttons" });
+    if (run.report) {
+      const href = `/runs/${encodeURIComponent(run.id)}/report`;
+      offers.append(make("a", { href, target: "_blank", rel: "noopener", class: "button",
+        "aria-label": `Report of ${named}` }, "Report"));
+    }
+    if (run.state === "interrupted" || run.state === "carried out") {
+      const button = make("button", { type: "button", "aria-label": `Resume ${named}` }, "Resume");
+      button.addEventListener("click", () => resume(run));
+      offers.append(button);
+    }
+    if (run.state === "running") {
+      // One that goes on without this page: the server was started anew meanwhile.
+      const label = `STOP ${named}`;
+      const button = make("button", { type: "button", class: "grave", "aria-label": label }, "STOP");
+      button.addEventListener("click", () => order({ do: "stop", run: run.id }, "STOP was sent."));
+      offers.append(button);
+    }
+    if (offers.childNodes.length) node.append(offers);
+    return node;
+  }
+
+  function resume(run) {
+    people.whenOperating(() => {
+      const devices = chosen.checked ? setup.devices() : { table: null, imu: null };
+      order({ do: "resume", run: run.id, ...devices }, "Resuming …");
+    });
+  }
+
+  return {};
+}

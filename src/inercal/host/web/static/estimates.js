@@ -1,0 +1,155 @@
+/** The coefficients as the filters find them: by kind and axis, each with how its ±2σ shrank. */
+
+import { byId, make, put } from "./dom.js";
+import { digits, fixed } from "./format.js";
+import { History } from "./history.js";
+
+const KINDS = { f: "accelerometers", w: "gyros" };
+const DECADES = 3; // of shrinking from the top of a small picture to its bottom
+const POINTS = 100; // of a small picture
+const OFTEN = 300; // ms between pictures
+
+export function makeEstimates(theme, course) {
+  const [place, nis, waits] = ["coefficients", "nis", "waits"].map(byId);
+  let cells = [];
+  let history = null;
+  let chosen = ""; // by its name: the page keeps it when it connects again
+  let last = null; // what is not yet drawn
+  let drawn = 0;
+  const again = () => cells.forEach((cell, i) => spark(cell, i));
+  theme.changed.push(again);
+  new ResizeObserver(again).observe(place);
+
+  function plan({ coefficients }) {
+    history = new History(coefficients.length);
+    last = null;
+    cells = coefficients.map(cell);
+    const tables = Object.keys(KINDS).map((kind) => table(kind, coefficients));
+    place.replaceChildren(...tables.filter(Boolean));
+    put(nis, "");
+    waits.hidden = !coefficients.length;
+    const before = cells.findIndex(({ coefficient }) => coefficient.name === chosen);
+    choose(Math.max(before, 0), false);
+  }
+
+  /** A table: what belongs to one kind of coefficient in a row, an axis a column. */
+  function table(kind, coefficients) {
+    const all = coefficients.map((one, i) => ({ ...one, i }));
+    const own = all.filter((one) => one.measures === kind);
+    if (!own.length) return null;
+    const axes = [...new Set(own.map(({ axis }) => axis))];
+    const names = [...new Set(own.map((one) => one.own))];
+    const rows = names.map((name) => {
+      const of = (axis) => own.find((one) => one.axis === axis && one.own === name);
+      const unit = own.find((one) => one.own === name).unit;
+      const head = make("th", { scope: "row" }, name, make("span", { class: "small" }, ` ${unit}`));
+      return make("tr", {}, head,
+        ...axes.map((axis) => make("td", {}, of(axis) ? cells[of(axis).i].button : "")));
+    });
+    return make("div", { class: "scroll" }, make("table", { class: "estimates" },
+      make("caption", {}, KINDS[kind]),
+      make("thead", {}, make("tr", {}, make("th", { scope: "col" }, ""),
+        ...axes.map((axis) => make("th", { scope: "col" }, axis)))),
+      make("tbody", {}, ...rows)));
+  }
+
+  function cell(coefficient, i) {
+    const value = make("span", { class: "value" }, "—");
+    const canvas = make("canvas", { "aria-hidden": "true" });
+    const button = make("button", { type: "button", class: "coefficient", tabindex: "-1",
+      "aria-pressed": "false", "data-name": coefficient.name,
+      "aria-label": `${coefficient.name}: not known yet` }, value, canvas);
+    button.addEventListener("click", () => choose(i, true));
+    button.addEventListener("keydown", (event) => move(event));
+    return { button, value, canvas, coefficient };
+  }
+
+  function choose(i, focus) {
+    if (!cells[i]) return course.choose(null, null, 0);
+    chosen = cells[i].coefficient.name;
+    cells.forEach(({ button }, k) => {
+      button.setAttribute("aria-pressed", String(k === i));
+      button.tabIndex = k === i ? 0 : -1;
+    });
+    if (focus) cells[i].button.focus();
+    course.choose(cells[i].coefficient, history, i);
+  }
+
+  /** By arrows to the nearest cell in that direction. */
+  function move(event) {
+    const ways = { ArrowLeft: [0, -1], ArrowRight: [0, 1], ArrowUp: [-1, 0], ArrowDown: [1, 0] };
+    const way = ways[event.key];
+    if (!way) return;
+    event.preventDefault();
+    const rows = [...place.querySelectorAll("tbody tr")];
+    const row = rows.findIndex((one) => one.contains(event.currentTarget));
+    const column = [...rows[row].cells].indexOf(event.currentTarget.parentNode);
+    const next = rows[row + way[0]]?.cells[column + way[1]]?.querySelector("button");
+    if (next) choose(cells.findIndex(({ button }) => button === next), true);
+  }
+
+  function estimates(message) {
+    if (!history) return;
+    history.append(message.time, message.values, message.u2);
+    last = message;
+  }
+
+  /** Hundreds come at once to who looks in late: only the last is drawn. */
+  function frame(now) {
+    if (!last || now - drawn < OFTEN) return;
+    drawn = now;
+    show(last);
+    last = null;
+  }
+
+  function show({ values, u2, nis: found }) {
+    waits.hidden = values.some(Number.isFinite);
+    cells.forEach((one, i) => {
+      const [value, spread] = digits(values[i] ?? NaN, u2[i] ?? NaN);
+      const { name, unit } = one.coefficient;
+      put(one.value, Number.isFinite(values[i]) ? `${value} ± ${spread}` : "—");
+      one.button.setAttribute("aria-label", Number.isFinite(values[i])
+        ? `${name}: ${value} ± ${spread} ${unit}` : `${name}: not known yet`);
+      spark(one, i);
+    });
+    const parts = Object.entries(KINDS).filter(([kind]) => Number.isFinite(found?.[kind]))
+      .map(([kind, name]) => `${name} ${fixed(found[kind], 2)}`);
+    put(nis, parts.length ? `NIS of the filters, ${parts.join(", ")}: innovations squared over `
+      + "what was stated. About 1 where all is as stated, more where something is not." : "");
+    course.draw();
+  }
+
+  /** Half the width of the band is 2σ, logarithmic: a third of the height for a factor of ten. */
+  function spark({ canvas, button }, i) {
+    const { clientWidth: width, clientHeight: height } = canvas;
+    if (!history || !width || !button.isConnected) return;
+    const ratio = devicePixelRatio;
+    if (canvas.width !== Math.round(width * ratio)) canvas.width = Math.round(width * ratio);
+    if (canvas.height !== Math.round(height * ratio)) canvas.height = Math.round(height * ratio);
+    const pen = canvas.getContext("2d");
+    pen.clearRect(0, 0, canvas.width, canvas.height);
+    const { size, time } = history;
+    const spread = history.spread[i];
+    let first = 0;
+    while (first < size && !(spread[first] > 0)) first += 1;
+    if (size - first < 2) return;
+    const stride = Math.max(1, Math.floor((size - first) / POINTS));
+    const middle = canvas.height / 2;
+    const x = (k) => (canvas.width * (time[k] - time[first])) / (time[size - 1] - time[first]);
+    const half = (k) => {
+      const lost = Math.log10(spread[first] / spread[k]) / DECADES;
+      return Math.max(1, middle * Math.min(1, 1 - lost || 0));
+    };
+    pen.fillStyle = theme.accent;
+    pen.globalAlpha = 0.45;
+    pen.beginPath();
+    for (let k = first; k < size; k += stride) pen.lineTo(x(k), middle - half(k));
+    pen.lineTo(canvas.width, middle - half(size - 1));
+    pen.lineTo(canvas.width, middle + half(size - 1));
+    for (let k = size - 1; k >= first; k -= stride) pen.lineTo(x(k), middle + half(k));
+    pen.fill();
+    pen.globalAlpha = 1;
+  }
+
+  return { plan, estimates, frame };
+}

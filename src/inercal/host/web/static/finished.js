@@ -1,0 +1,54 @@
+/** After the run: what came of it, and where it goes on. */
+
+import { byId, make, put } from "./dom.js";
+import { seen } from "./live.js";
+import { order } from "./notice.js";
+
+const SIGNS = { good: "✓", care: "▲", bad: "✗" };
+const LINKS = [
+  ["report", "Open the report"],
+  ["calibration", "Calibration file"],
+  ["history", "History of this sensor"],
+];
+const TITLES = {
+  done: "The run is done",
+  "carried out": "The run is measured, but not calibrated",
+  interrupted: "The run was interrupted",
+};
+
+export function makeFinished(people) {
+  const [section, results, resume, away] = ["finished", "results", "resume", "put-away"].map(byId);
+
+  away.addEventListener("click", () => {
+    people.whenOperating(() => order({ do: "put away" }, "Put away."));
+  });
+  resume.addEventListener("click", () => {
+    const command = { do: "resume", run: seen.done?.run, table: null, imu: null };
+    people.whenOperating(() => order(command, "Resuming …"));
+  });
+
+  function done(message) {
+    const { verdict, state } = message;
+    const tone = verdict?.level ?? (state === "done" ? "good" : "bad");
+    section.className = `verdict ${tone}`;
+    put(byId("verdict"), `${SIGNS[tone] ?? ""} ${TITLES[state] ?? state}`);
+    put(byId("verdict-words"), verdict?.words ?? "");
+    put(byId("done-words"), message.words ?? "");
+    const link = { target: "_blank", rel: "noopener", class: "button" };
+    results.replaceChildren(...LINKS.filter(([key]) => own(message[key])).map(([key, words]) =>
+      make("a", { href: message[key], ...link }, words)));
+    resume.hidden = state === "done";
+    section.hidden = false;
+  }
+
+  function hide() {
+    section.hidden = true;
+  }
+
+  return { plan: hide, idle: hide, done };
+}
+
+/** A place on this server, and nothing else. */
+function own(href) {
+  return typeof href === "string" && new URL(href, location.href).origin === location.origin;
+}

@@ -1,0 +1,60 @@
+/** Numbers as text. What is not known is a dash. */
+
+const NOTHING = "—";
+
+/** True minus signs: a hyphen is too short beside digits. */
+export const minus = (text) => text.replaceAll("-", "\u2212");
+
+/** A number with so many places. */
+export function fixed(x, places) {
+  return Number.isFinite(x) ? minus((+x.toFixed(places) + 0).toFixed(places)) : NOTHING;
+}
+
+/** The same with its sign. */
+export function signed(x, places) {
+  if (!Number.isFinite(x)) return NOTHING;
+  const text = fixed(x, places);
+  return text.startsWith("\u2212") ? text : `+${text}`;
+}
+
+/** Both numbers, rounded to two significant digits of the uncertainty, as all reports do. */
+export function digits(value, uncertainty) {
+  if (!Number.isFinite(value)) return [NOTHING, NOTHING];
+  if (!(Number.isFinite(uncertainty) && uncertainty > 0)) {
+    return [minus(String(+value.toPrecision(7))), NOTHING];
+  }
+  const places = 1 - Number(uncertainty.toExponential(1).split("e")[1]);
+  return [rounded(value, places), rounded(uncertainty, places)];
+}
+
+function rounded(x, places) {
+  if (places >= 0) return fixed(x, Math.min(places, 20));
+  const unit = 10 ** -places;
+  return fixed(Math.round(x / unit) * unit, 0);
+}
+
+/** Seconds as minutes and seconds, from an hour on with hours. */
+export function clock(seconds) {
+  if (!Number.isFinite(seconds)) return NOTHING;
+  const whole = Math.max(0, Math.floor(seconds));
+  const two = (n) => String(n).padStart(2, "0");
+  const minutes = Math.floor(whole / 60);
+  if (minutes < 60) return `${minutes}:${two(whole % 60)}`;
+  return `${Math.floor(minutes / 60)}:${two(minutes % 60)}:${two(whole % 60)}`;
+}
+
+/** How long a step or a plan takes. */
+export function lasting(seconds) {
+  if (!Number.isFinite(seconds)) return NOTHING;
+  if (seconds >= 120) return `${fixed(seconds / 60, 0)} min`;
+  return `${fixed(seconds, seconds < 10 ? 1 : 0)} s`;
+}
+
+/** A moment of the calendar, by this device's clock. */
+export function moment(iso) {
+  const at = new Date(iso);
+  if (Number.isNaN(at.getTime())) return String(iso ?? "");
+  const two = (n) => String(n).padStart(2, "0");
+  const day = `${at.getFullYear()}-${two(at.getMonth() + 1)}-${two(at.getDate())}`;
+  return `${day} ${two(at.getHours())}:${two(at.getMinutes())}`;
+}

@@ -1,0 +1,93 @@
+/** What is going on, in words: phase, time, connection. */
+
+import { byId, put } from "./dom.js";
+import { clock, fixed } from "./format.js";
+import { age, going, seen } from "./live.js";
+
+const PHASES = {
+  enable: "switching the servos on",
+  home: "homing: finding the zeros",
+  approach: "going to where the step begins",
+  work: "measuring",
+  moves: "turning",
+  holds: "holding",
+  return: "returning to zero",
+  paused: "paused",
+  done: "all steps done",
+  aborted: "stopped",
+};
+const LINKS = {
+  connecting: "connecting …",
+  live: "connected",
+  silent: "no news",
+  lost: "not connected",
+};
+
+export function makeHeader() {
+  const [over, sensor, phase, time] = ["over", "sensor", "phase", "clock"].map(byId);
+  const [link, lost, trouble, progress] = ["link", "lost", "trouble", "progress"].map(byId);
+
+  function plan(message) {
+    put(over, `${message.plan} · ${message.simulated ? "SIMULATED bench" : "real bench"}`);
+    put(sensor, message.sensor);
+    document.title = `${message.sensor} · inercal bench`;
+    document.body.dataset.bench = message.simulated ? "simulated" : "iron";
+    put(trouble, "");
+    show();
+  }
+
+  function idle() {
+    put(over, "live page of the bench");
+    put(sensor, "Set up a run");
+    document.title = "inercal bench";
+    delete document.body.dataset.bench;
+    put(trouble, "");
+    show();
+  }
+
+  /** Phase and times by what was heard last. */
+  function show() {
+    put(phase, words());
+    const state = seen.state;
+    progress.hidden = !state;
+    if (!state) return put(time, seen.plan ? `${clock(seen.plan.seconds)} planned` : "");
+    const [gone, left] = [state.time, seen.done ? 0 : Math.max(state.remaining ?? 0, 0)];
+    const whole = gone + left;
+    progress.value = seen.done?.state === "done" ? 1 : whole > 0 ? gone / whole : 0;
+    const fast = state.speed > 1.5 ? ` · ${fixed(state.speed, 0)} × real time` : "";
+    put(time, `${clock(gone)} gone${seen.done ? "" : `, ${clock(left)} to go${fast}`}`);
+    put(trouble, state.trouble && !seen.done ? state.trouble : "");
+  }
+
+  function connection() {
+    const { link: now } = seen;
+    link.dataset.link = now;
+    put(link, LINKS[now]);
+    document.body.classList.toggle("old", now === "lost" || (now === "silent" && going()));
+    if (now === "lost") {
+      put(lost, "Connection lost. What is shown is old, and STOP of this page cannot reach the "
+        + "table: use the emergency stop. Trying again …");
+    } else if (now === "silent" && going()) {
+      const seconds = Math.round(age() / 5) * 5 || 2;
+      put(lost, `No news from the bench for ${seconds} s or more. What is shown is old.`);
+    } else put(lost, "");
+  }
+
+  return {
+    hello: () => put(byId("version"), `inercal ${seen.version}`),
+    plan, idle, phase: show, state: show, done: show, link: connection,
+  };
+}
+
+function words() {
+  const { state, done } = seen;
+  if (done) return done.state;
+  if (seen.phase) return seen.phase;
+  if (!state) return seen.plan ? "beginning" : "";
+  if (state.paused) return `paused: ${state.paused}`;
+  const count = seen.plan?.steps.length ?? 0;
+  const step = seen.plan?.steps[state.done];
+  const doing = PHASES[state.phase] ?? state.phase;
+  const inStep = step && !["enable", "home", "return", "done", "aborted"].includes(state.phase);
+  return inStep ? `step ${state.done + 1} of ${count}: ${step.label}, ${doing}` : doing;
+}

@@ -1,0 +1,58 @@
+/**
+ * Keys. STOP wants the same key twice within a second: a hand that hits it in fright does that by
+ * itself, one that misses another key does not; a key that is held counts too.
+ */
+
+import { byId, close, open } from "./dom.js";
+import { notice } from "./notice.js";
+
+const TWICE = 1000; // ms
+const OFF = "inercal.keys-off";
+
+/** Listen; what keys do is what the buttons do. */
+export function listen(controls) {
+  const on = byId("keys-on");
+  const help = byId("show-help");
+  let first = -Infinity;
+  let sent = -Infinity;
+
+  on.checked = !localStorage.getItem(OFF);
+  on.addEventListener("change", () => {
+    if (on.checked) localStorage.removeItem(OFF);
+    else localStorage.setItem(OFF, "yes");
+  });
+  byId("help").addEventListener("click", () => (help.open ? close(help) : open(help)));
+
+  addEventListener("keydown", (event) => {
+    if (event.key === "Escape") {
+      for (const dialog of document.querySelectorAll("dialog[open]")) close(dialog);
+      return;
+    }
+    if (event.ctrlKey || event.altKey || event.metaKey) return;
+    if (!on.checked || typing(event.target)) return;
+    const key = event.key.toLowerCase();
+    if (key === "s") {
+      const now = event.timeStamp;
+      if (now - sent < TWICE) return; // a key that is held goes on repeating
+      if (now - first < TWICE) {
+        [first, sent] = [-Infinity, now];
+        controls.stop();
+      } else {
+        first = now;
+        notice("s once more: STOP");
+      }
+      return;
+    }
+    if (event.repeat) return;
+    if (key === "p") controls.pause();
+    else if (key === "g") controls.goOn();
+    else if (key === "a") controls.abort();
+    else if (key === "?") open(help);
+  });
+}
+
+/** Letters that are written somewhere are no commands; a list jumps to what they begin. */
+function typing(target) {
+  if (target instanceof HTMLInputElement) return !["checkbox", "radio"].includes(target.type);
+  return target instanceof HTMLTextAreaElement || target instanceof HTMLSelectElement;
+}

@@ -1,0 +1,104 @@
+/** Who operates: one, by name; all others watch. */
+
+import { byId, close, open, put } from "./dom.js";
+import { say, seen } from "./live.js";
+import { notice } from "./notice.js";
+
+const NAME = "inercal.name";
+const OPERATES = "inercal.operates"; // of this tab: it takes control again when it is loaded anew
+const AGAIN = 3000; // ms: how long one who has gone keeps control is the server's affair
+const ATTEMPTS = 5;
+
+export function makePeople() {
+  const [control, shown, name, again] = ["control", "people", "name", "name-again"].map(byId);
+  const asking = byId("ask-name");
+  let then = null; // what was wanted of one who did not operate yet
+  let answered = false;
+  let left = 0;
+  let timer = 0;
+
+  name.value = localStorage.getItem(NAME) ?? "";
+  name.addEventListener("input", () => localStorage.setItem(NAME, name.value));
+  control.addEventListener("click", () => (seen.people.yours ? give() : whenOperating(null)));
+  name.addEventListener("keydown", (event) => {
+    if (event.key === "Enter") whenOperating(null);
+  });
+  byId("name-form").addEventListener("submit", (event) => {
+    event.preventDefault();
+    if (!again.value.trim()) return again.focus();
+    name.value = again.value.trim();
+    localStorage.setItem(NAME, name.value);
+    answered = true;
+    close(asking);
+    ask();
+  });
+  // What was wanted is not done later on, when control is taken for something else.
+  asking.addEventListener("close", () => {
+    if (!answered) then = null;
+    answered = false;
+  });
+
+  function give() {
+    sessionStorage.removeItem(OPERATES);
+    say({ do: "leave" });
+  }
+
+  /** Do something as operator: take control first where nobody else has it. */
+  function whenOperating(what) {
+    if (seen.people.yours) return what?.();
+    then = what;
+    if (name.value.trim()) return ask();
+    if (document.body.dataset.view === "setup") {
+      then = null; // what is wanted is pressed again: typing a name moves no table
+      notice("Say your name first.");
+      return name.focus();
+    }
+    again.value = "";
+    open(asking);
+  }
+
+  function ask() {
+    if (say({ do: "operate", name: name.value.trim() })) return;
+    then = null;
+    notice("Not connected: nothing was sent.");
+  }
+
+  /** A page that was loaded anew, or whose connection broke, asks for the control that it had. */
+  function reclaim() {
+    clearTimeout(timer);
+    if (seen.people.yours || left <= 0 || !sessionStorage.getItem(OPERATES)) return;
+    const { operator } = seen.people;
+    if (operator !== null && operator !== name.value.trim()) return;
+    left -= 1;
+    ask();
+    timer = setTimeout(reclaim, AGAIN);
+  }
+
+  function people(message) {
+    const { viewers, operator, yours } = message;
+    const who = yours ? `you operate (${operator})` : `${operator ?? "nobody"} operates`;
+    put(shown, `${who} · ${viewers} ${viewers === 1 ? "viewer" : "viewers"}`);
+    put(control, yours ? "Give control back" : "Take control");
+    put(byId("who-says"), yours ? "You operate. Everybody else watches."
+      : operator ? `${operator} operates; you watch.` : "One operates, everybody else watches.");
+    document.body.classList.toggle("operates", yours);
+    if (!yours) return;
+    sessionStorage.setItem(OPERATES, "yes");
+    const wanted = then;
+    then = null;
+    wanted?.();
+  }
+
+  return {
+    whenOperating,
+    hello: () => {
+      left = ATTEMPTS;
+      setTimeout(reclaim, 300);
+    },
+    people,
+    refused: () => (then = null),
+    link: ({ link }) => {
+      if (link === "lost") then = null;
+    },
+  };
+}

@@ -1,0 +1,67 @@
+/**
+ * The last samples of all channels, one after the other in memory, so that a chart takes them as
+ * they are. When the end is reached what is still wanted moves to the front; nothing is made anew.
+ */
+
+const SIZE = 1 << 15;
+const KEPT = 1 << 13; // 33 s at 250 a second, the most that the bench sends
+
+export class Ring {
+  constructor(channels) {
+    this.time = new Float64Array(SIZE);
+    this.values = Array.from({ length: channels }, () => new Float64Array(SIZE));
+    this.clear();
+  }
+
+  clear() {
+    this.end = 0;
+    this.gaps = []; // [from, to] in s: where samples are missing
+  }
+
+  /** Take in samples that follow: times (n), and n values of each channel. */
+  append(t, y) {
+    if (!t.length) return;
+    const before = this.end ? this.time[this.end - 1] : NaN;
+    if (t[0] <= before) this.clear(); // a run that was resumed begins its last seconds again
+    if (t.length > SIZE - KEPT) return;
+    if (this.end + t.length > SIZE) this.#moveToFront();
+    this.time.set(t, this.end);
+    // What is not known is written as 0/0, which no line is drawn through.
+    this.values.forEach((channel, i) => {
+      const from = y[i];
+      for (let k = 0; k < t.length; k++) channel[this.end + k] = from?.[k] ?? NaN;
+    });
+    this.#findGaps(this.end, this.end + t.length);
+    this.end += t.length;
+  }
+
+  /** The index of the first sample at or after a time. */
+  from(time) {
+    let [low, high] = [0, this.end];
+    while (low < high) {
+      const middle = (low + high) >> 1;
+      if (this.time[middle] < time) low = middle + 1;
+      else high = middle;
+    }
+    return low;
+  }
+
+  #moveToFront() {
+    const begin = Math.max(0, this.end - KEPT);
+    this.time.copyWithin(0, begin, this.end);
+    for (const channel of this.values) channel.copyWithin(0, begin, this.end);
+    this.end -= begin;
+  }
+
+  #findGaps(begin, end) {
+    const { time } = this;
+    const usual = (time[end - 1] - time[begin]) / Math.max(end - 1 - begin, 1);
+    const first = Math.max(begin, 1);
+    for (let i = first; i < end; i++) {
+      const step = time[i] - time[i - 1];
+      if (step > 6 * usual && step > 0.04) this.gaps.push([time[i - 1], time[i]]);
+    }
+    while (this.gaps.length && this.gaps[0][1] < time[0]) this.gaps.shift();
+    if (this.gaps.length > 200) this.gaps.splice(0, 100);
+  }
+}

@@ -1,0 +1,176 @@
+/** The set-up of a run: what is chosen, probed and started. */
+
+import { allow, allowed, byId, make, put } from "./dom.js";
+import { lasting } from "./format.js";
+import { seen } from "./live.js";
+import { notice, order } from "./notice.js";
+
+const TYPED = "typed";
+const TABLES = /^(pmac|acutrol|motor:tcp):\/\/[^\s/?]+(\?\S*)?$/;
+const IMUS = /^tcp:\/\/[^\s/?]+(\?\S*)?$/;
+
+export function makeSetup(people) {
+  const [plans, sensors, history] = ["plans", "sensors", "history"].map(byId);
+  const [table, imu, preset, baud] = ["table", "imu", "preset", "baud"].map(byId);
+  const [tableAddress, imuAddress] = ["table-address", "imu-address"].map(byId);
+  const motorBaud = byId("motor-baud");
+  const [start, probe, answers] = ["start", "probe", "answers"].map(byId);
+  const setup = { whole: null, loaded: [], devices, load };
+
+  byId("again").addEventListener("click", load);
+  byId("form").addEventListener("change", (event) => {
+    couple(event.target);
+    show();
+  });
+  byId("form").addEventListener("input", show);
+  // Enter in a field is no wish to move a table.
+  byId("form").addEventListener("submit", (event) => event.preventDefault());
+  start.addEventListener("click", () => {
+    if (!allowed(start)) return notice(start.title);
+    people.whenOperating(() => {
+      const sensor = sensors.value || null;
+      order({ do: "start", plan: planId(), sensor, ...devices() }, "Starting …");
+    });
+  });
+  probe.addEventListener("click", () => {
+    if (!allowed(probe)) return notice(probe.title);
+    people.whenOperating(ask);
+  });
+
+  const planId = () => plans.querySelector("input:checked")?.value;
+  const planNow = () => setup.whole?.plans.find((one) => one.id === planId());
+
+  async function load() {
+    const answer = await fetch("/api/setup").catch(() => null);
+    if (answer?.status === 401) return location.reload();
+    if (!answer?.ok) return notice("The server does not say what can be chosen.");
+    setup.whole = await answer.json();
+    fill();
+    if (setup.whole.trouble) notice(`The register: ${setup.whole.trouble}`);
+    for (const tell of setup.loaded) tell(setup.whole);
+  }
+
+  function fill() {
+    const { plans: all, tables, imus, presets } = setup.whole;
+    const before = planId();
+    plans.replaceChildren(...all.map((one) => planCard(one)));
+    const first = plans.querySelector(`input[value="${CSS.escape(before ?? "")}"]:enabled`)
+      ?? plans.querySelector("input:enabled");
+    if (first) first.checked = true;
+    if (!all.length) plans.append(make("p", {}, "There is no plan in the folder of plans."));
+    const typed = { id: TYPED, what: "network address, typed" };
+    options(table, [...tables, typed].map(({ id, what }) => [id, what]));
+    options(imu, [...imus, typed].map(({ id, what }) => [id, what]));
+    options(preset, [["", "not known: probe"],
+      ...presets.map((one) => [one.name, `${one.name} (${one.protection})`])]);
+    couple(table);
+    show();
+  }
+
+  /** The simulated bench is both: a table without its IMU, or the other way round, is no bench. */
+  function couple(changed) {
+    const [mine, other] = changed === table ? [table, imu] : changed === imu ? [imu, table] : [];
+    if (!mine || (mine.value === "simulated") === (other.value === "simulated")) return;
+    if (mine.value === "simulated") other.value = "simulated";
+    else other.selectedIndex = [...other.options].findIndex((one) => one.value !== "simulated");
+  }
+
+  /** What goes with what is chosen. */
+  function show() {
+    const plan = planNow();
+    const own = plan ? `${plan.sensor} (the plan's own name)` : "the plan's own name";
+    const known = setup.whole?.sensors ?? [];
+    options(sensors, [["", own], ...known.map((one) => [one.name, described(one)])]);
+    const name = sensors.value || plan?.sensor;
+    const entered = known.find((one) => one.name === name);
+    history.hidden = !entered;
+    if (entered) history.href = `/history/${encodeURIComponent(entered.id)}`;
+    byId("table-typed").hidden = table.value !== TYPED;
+    byId("imu-typed").hidden = imu.value !== TYPED;
+    byId("table-baud").hidden = !isPort(table);
+    byId("imu-preset").hidden = byId("imu-baud").hidden = !isPort(imu);
+    put(byId("summary"), plan ? `${name}: ${plan.file}, ${plan.steps} steps, about `
+      + `${lasting(plan.seconds)}, method ${plan.method}.` : "");
+    const why = plan ? unclear() : "no plan is chosen";
+    allow(probe, !why, why);
+    const unknown = isPort(imu) && !preset.value;
+    allow(start, !why && !unknown, why || "say what packets the IMU sends; probing tells");
+  }
+
+  /** What is missing in what was typed. */
+  function unclear() {
+    if (table.value === TYPED && !TABLES.test(tableAddress.value.trim())) {
+      return "type the table's address, such as pmac://HOST:1025?motors=1,2,3&counts=3600000";
+    }
+    if (imu.value === TYPED && !IMUS.test(imuAddress.value.trim())) {
+      return "type the IMU's address, such as tcp://HOST:PORT?preset=xsens";
+    }
+    const bauds = [[table, motorBaud], [imu, baud]].filter(([device]) => isPort(device));
+    const wrong = bauds.some(([, field]) => !/^[1-9]\d{2,7}$/.test(field.value.trim()));
+    return wrong ? "baud is a number such as 115200" : "";
+  }
+
+  /** The devices as the server takes them. */
+  function devices() {
+    const of = (device, address, more) => device.value === TYPED ? { address: address.value.trim() }
+      : { id: device.value, ...(isPort(device) ? more : {}) };
+    return {
+      table: of(table, tableAddress, { baud: Number(motorBaud.value) }),
+      imu: of(imu, imuAddress, { preset: preset.value || null, baud: Number(baud.value) }),
+    };
+  }
+
+  async function ask() {
+    answers.replaceChildren(make("p", {}, "Asking the devices …"));
+    const body = JSON.stringify({ plan: planId(), you: seen.you, ...devices() });
+    const headers = { "Content-Type": "application/json" };
+    const answer = await fetch("/api/probe", { method: "POST", headers, body }).catch(() => null);
+    const said = await answer?.json().catch(() => null);
+    if (!answer?.ok || !said) {
+      const why = said?.words ?? (answer ? `status ${answer.status}` : "no connection");
+      const words = `✗ The probe was refused: ${why}`;
+      return answers.replaceChildren(make("p", { class: "bad" }, words));
+    }
+    answers.replaceChildren(...["table", "imu"].filter((key) => said[key]).flatMap((key) => [
+      make("p", { class: said[key].ok ? "good" : "bad" },
+        `${said[key].ok ? "✓" : "✗"} ${key === "imu" ? "IMU" : "Table"} `
+        + (said[key].ok ? "answers" : "does not answer as it should")),
+      make("pre", { tabindex: "0" }, said[key].lines.join("\n"))]));
+  }
+
+  return Object.assign(setup, { idle: load });
+}
+
+/** Whether what is chosen is a port of the bench's computer. */
+function isPort(select) {
+  return !["", TYPED, "simulated", "given"].includes(select.value);
+}
+
+/** One plan to choose; a broken one shows what is wrong instead. */
+function planCard(plan) {
+  const { id, file, sensor, trouble } = plan;
+  const disabled = Boolean(trouble);
+  const input = make("input", { type: "radio", name: "plan", value: id, disabled });
+  const words = trouble
+    ? make("span", { class: "bad" }, `✗ cannot be run: ${trouble}`)
+    : `${plan.steps} steps · ${lasting(plan.seconds)} · ${plan.method}`;
+  return make("label", { class: trouble ? "plan broken" : "plan" }, input,
+    make("span", {}, make("strong", {}, file), trouble ? "" : ` ${sensor}`, make("br"),
+      make("span", { class: "small" }, words)));
+}
+
+/** A sensor of the register with what was done with it. */
+function described({ name, calibrations, last }) {
+  const times = `${calibrations} ${calibrations === 1 ? "calibration" : "calibrations"}`;
+  return `${name}, ${times}${last ? `, last ${last.slice(0, 10)}` : ""}`;
+}
+
+/** Offer (value, text) pairs, and keep what was chosen where it is still there. */
+function options(select, pairs) {
+  const asked = JSON.stringify(pairs);
+  if (select.offered === asked) return;
+  const before = select.value;
+  select.offered = asked;
+  select.replaceChildren(...pairs.map(([value, text]) => make("option", { value }, text)));
+  if (pairs.some(([value]) => value === before)) select.value = before;
+}

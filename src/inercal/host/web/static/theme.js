@@ -1,0 +1,23 @@
+/** Colours of what is drawn: those of the style sheet, light or dark, as the device asks for. */
+
+const NAMES = ["ink", "muted", "faint", "band", "paper", "accent", "side", "x", "y", "z"];
+
+/** Return the colours; they change in place, and `changed` is called, when it turns dark. */
+export function followTheme() {
+  const theme = { changed: [] };
+  const dark = matchMedia("(prefers-color-scheme: dark)");
+  const read = () => {
+    const style = getComputedStyle(document.documentElement);
+    for (const name of NAMES) theme[name] = style.getPropertyValue(`--${name}`).trim();
+    for (const draw of theme.changed) draw();
+  };
+  dark.addEventListener("change", read);
+  read();
+  return theme;
+}
+
+/** Whether what moves should rather jump. */
+export const calm = matchMedia("(prefers-reduced-motion: reduce)");
+
+/** Axes are told apart without colour too: a line, dashes, dots. */
+export const DASHES = [[], [7, 4], [2, 3]];

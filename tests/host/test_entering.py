@@ -1,0 +1,190 @@
+"""A run's folder is entered into the register: while it goes on, when it is done, and later."""
+
+import hashlib
+import shutil
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.host.benches import plan
+from tests.store.generator import DRIFTING, content, write
+
+from inercal.errors import InputError
+from inercal.host.entering import Keeper, enter
+from inercal.host.folder import Folder, begin
+from inercal.host.journal import Journal
+from inercal.store import Register
+
+ADDRESSES = (
+    "pmac://10.0.0.5:1025?motors=1,2,3&counts=3600000",
+    "tcp://10.0.0.6:1?preset=fixed",
+    "",
+)
+NAMED = ('kind = "turntable"', 'kind = "turntable"\nname = "table 2"')
+
+
+@pytest.fixture
+def register(tmp_path: Path) -> Iterator[Register]:
+    with Register(str(tmp_path / "register.db"), by="Ada") as register:
+        yield register
+
+
+@pytest.fixture
+def begun(tmp_path: Path) -> Iterator[tuple[Folder, Journal]]:
+    """Give a run that goes on; nothing moves, its files are a few bytes."""
+    folder, journal = begin(tmp_path / "run", plan(tmp_path / "plan", replaced=[NAMED]), ADDRESSES)
+    folder.log.write_bytes(b"what came")
+    with journal:
+        yield folder, journal
+
+
+def digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def finished(folder: Folder, journal: Journal) -> None:
+    """Leave what `finish` leaves."""
+    recording = folder.path / "recording.h5"
+    recording.write_bytes(b"samples")
+    truth = replace(DRIFTING, sensor=folder.run.sensor.name)
+    made = content(
+        truth, 0.0, np.random.default_rng(1), provenance={"recording sha256": digest(recording)}
+    )
+    write(folder.made("calibration.json"), made)
+    folder.made("report.html").write_text("<html>")
+    for path in (folder.run.path, folder.log, recording, folder.made("calibration.json")):
+        journal.file(path.name, path.stat().st_size, digest(path))
+    journal.end("done")
+
+
+def test_a_run_is_entered_as_it_begins_and_as_it_ends(
+    register: Register, begun: tuple[Folder, Journal]
+):
+    folder, journal = begun
+    number = enter(register, folder.path)
+    (run,) = register.runs()
+    assert (run.state, run.files, run.kind, run.bench) == ("running", (), "turntable", "table 2")
+    assert (run.table, run.imu) == ADDRESSES[:2]
+    assert run.folder == str(folder.path)
+    assert run.begun == journal.header().begun
+    assert run.by == "Ada"
+    journal.end("interrupted")
+    assert enter(register, folder.path) == number
+    (run,) = register.runs()
+    assert run.state == "interrupted"
+    assert {one.name: one.sha256 for one in run.files} == {
+        name: digest(folder.path / name) for name in ("run.log", "plan.toml")
+    }
+    finished(folder, journal)
+    assert enter(register, folder.path) == number
+    (run,) = register.runs()
+    assert run.state == "done"
+    assert {one.name for one in run.files} == {
+        "plan.toml", "run.log", "recording.h5", "plan.calibration.json",
+    }  # fmt: skip
+    (calibration,) = register.calibrations()
+    assert (calibration.run, calibration.measured) == (number, run.begun)
+    assert (calibration.kind, calibration.bench) == ("turntable", "table 2")
+
+
+def test_a_folder_that_was_moved_is_the_same_run(
+    register: Register, begun: tuple[Folder, Journal], tmp_path: Path
+):
+    folder, journal = begun
+    finished(folder, journal)
+    journal.close()
+    number = enter(register, folder.path)
+    before = register.runs(), register.calibrations()
+    shutil.copytree(folder.path, tmp_path / "archive" / "copy")
+    assert enter(register, tmp_path / "archive" / "copy") == number
+    assert (register.runs(), register.calibrations()) == before
+
+
+@pytest.mark.parametrize("name", ["recording.h5", "run.log", "plan.toml"])
+def test_raw_data_that_changed_since_is_refused_by_name(
+    register: Register, begun: tuple[Folder, Journal], name: str
+):
+    folder, journal = begun
+    finished(folder, journal)
+    with (folder.path / name).open("ab") as file:
+        file.write(b"\n# more")
+    with pytest.raises(InputError, match=rf"{name}: changed since the run left it"):
+        enter(register, folder.path)
+    assert register.runs() == register.sensors() == ()
+
+
+def test_a_damaged_calibration_leaves_the_run_out(
+    register: Register, begun: tuple[Folder, Journal]
+):
+    folder, journal = begun
+    finished(folder, journal)
+    path = folder.made("calibration.json")
+    path.write_text(path.read_text(encoding="utf-8").replace("generator", "forger"))
+    with pytest.raises(InputError, match=r"plan\.calibration\.json: changed since it was written"):
+        enter(register, folder.path)
+    assert register.runs() == ()
+
+
+def test_files_that_are_gone_since_and_a_report_made_anew_do_not_matter(
+    register: Register, begun: tuple[Folder, Journal]
+):
+    folder, journal = begun
+    finished(folder, journal)
+    (folder.path / "recording.h5").unlink()
+    folder.made("report.html").write_text("<html>anew")
+    enter(register, folder.path)
+    assert "recording.h5" in {one.name for one in register.runs()[0].files}
+
+
+def test_what_is_no_folder_of_a_run_is_one_line(register: Register, tmp_path: Path):
+    with pytest.raises(InputError, match="there is no journal of a run"):
+        enter(register, tmp_path)
+    (tmp_path / "run.journal").write_text("no database at all, but longer than a hundred " * 9)
+    with pytest.raises(InputError, match="is it a journal"):
+        enter(register, tmp_path)
+
+
+def test_a_keeper_enters_beside_what_is_done_and_gives_the_history(
+    register: Register, begun: tuple[Folder, Journal]
+):
+    folder, journal = begun
+    keeper = Keeper(register, folder.path)
+    with keeper.meanwhile():
+        pass
+    assert [run.state for run in register.runs()] == ["running"]
+    finished(folder, journal)
+    history = keeper.history(folder.run.sensor.name)
+    assert history is not None
+    assert len(history.entries) == 1
+    assert keeper.trouble == ""
+
+
+def test_what_fails_is_kept_in_words_and_stops_nothing(
+    register: Register, begun: tuple[Folder, Journal], monkeypatch: pytest.MonkeyPatch
+):
+    folder, _ = begun
+
+    def fails(*_: object) -> int:
+        raise InputError("register postgresql://h/lab: the server\nis gone")
+
+    keeper = Keeper(register, folder.path)
+    monkeypatch.setattr(register, "enter_run", fails)
+    with keeper.meanwhile():
+        pass
+    assert keeper.trouble == (
+        "the run is not in the register: register postgresql://h/lab: the server is gone; enter it "
+        f"later by `inercal store import {folder.path}`"
+    )
+    assert keeper.history("x") is None
+    monkeypatch.undo()
+    keeper.enter()
+    assert keeper.trouble == ""
+
+
+def test_no_register_is_told_nothing(begun: tuple[Folder, Journal]):
+    keeper = Keeper(None, begun[0].path)
+    with keeper.meanwhile():
+        keeper.enter()
+    assert (keeper.trouble, keeper.history("x")) == ("", None)

@@ -1,0 +1,159 @@
+"""The page of a history: whole, safe, self-contained; its figures show what the numbers say."""
+
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.store.generator import DRIFTING, content, hashed, ten, write
+
+from inercal.report import write_history
+from inercal.report.over_time import lines, page
+from inercal.store import History, Register
+
+VOID = {"meta", "br"}
+
+
+class _Tags(HTMLParser):
+    """Collects ids and references, and checks that elements close in order."""
+
+    def __init__(self):
+        super().__init__()
+        self.open: list[str] = []
+        self.ids: list[str] = []
+        self.text: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]):
+        self.ids += [value or "" for name, value in attrs if name == "id"]
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]):
+        self.ids += [value or "" for name, value in attrs if name == "id"]
+
+    def handle_endtag(self, tag: str):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str):
+        self.text.append(data)
+
+
+def parsed(text: str) -> _Tags:
+    tags = _Tags()
+    tags.feed(text)
+    assert tags.open == []
+    return tags
+
+
+@pytest.fixture(scope="module")
+def register(tmp_path_factory: pytest.TempPathFactory) -> Register:
+    return Register(str(tmp_path_factory.mktemp("register") / "register.db"), by="Ada")
+
+
+@pytest.fixture(scope="module")
+def history(register: Register, tmp_path_factory: pytest.TempPathFactory) -> History:
+    register.enter_calibrations(ten(tmp_path_factory.mktemp("ten")))
+    return register.history(DRIFTING.sensor)
+
+
+@pytest.fixture(scope="module")
+def text(history: History) -> str:
+    return page(history)
+
+
+def test_the_page_is_whole_and_names_each_thing_once(text: str):
+    tags = parsed(text)
+    assert len(tags.ids) == len(set(tags.ids))
+    for target in re.findall(r'(?:href="#|url\(#)([^")]*)', text):
+        assert target in tags.ids
+
+
+def test_the_page_needs_nothing_but_itself(text: str):
+    assert "default-src 'none'" in text
+    assert not re.search(r"<(script|link|img|iframe|object)\b", text)
+    assert not re.search(r'(?:src|href)="(?!#)', text)
+    assert "#010a" not in text  # stand-in colours
+
+
+def test_each_axis_has_a_figure_with_a_panel_a_coefficient(text: str, history: History):
+    figures = re.findall(r'<svg.*?aria-label="([^"]*)".*?</svg>', text, flags=re.S)
+    assert len(figures) == 6
+    for course in history.courses:
+        (label,) = [one for one in figures if f"{course.name} " in one]
+        assert f"{course.name} {course.verdict}" in label
+        assert f"{course.name}, {course.unit}: {course.verdict}" in text
+
+
+def test_points_beyond_u_have_a_shape_of_their_own(history: History):
+    for name in ("ax.k0", "ay.k0"):
+        one = replace(history, courses=(history.course(name),))
+        svg = page(one)
+        svg = svg[svg.index("<svg") : svg.index("</svg>")]
+        # Markers are drawn once for each shape, and used once for each point.
+        shapes = re.findall(r"<g clip-path[^>]*>\s*((?:<use [^>]*/>\s*)+)</g>", svg)
+        counts = sorted(len(re.findall("<use", shape)) for shape in shapes)
+        beyond = int(np.sum(np.abs(history.course(name).normalised) > 1))
+        assert beyond in counts or not beyond
+        assert 10 - beyond in counts
+    assert int(np.sum(np.abs(history.course("ax.k0").normalised) > 1)) > 0
+
+
+def test_the_tables_hold_each_value_with_its_u_and_a_star_beyond(text: str, history: History):
+    course = history.course("ax.k0")
+    plain = " ".join("".join(parsed(text).text).split())
+    assert f"{course.values[0] / course.si:.0f} ± 40" in plain
+    cells = re.findall(r"<td>([^<]*±[^<]*)</td>", text)
+    assert len(cells) == 240
+    assert sum(cell.endswith(" *") for cell in cells) == history.beyond
+
+
+def test_the_summary_counts_what_the_verdicts_say(text: str, history: History):
+    counts = {verdict: len(names) for verdict, names in history.verdicts.items()}
+    assert f"{counts['drifts']} drifting" in lines(history)[0]
+    assert lines(history)[0] in text
+    assert f"in {history.beyond} of {history.steps}" in text
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_short_history_is_drawn_too(register: Register, tmp_path: Path, count: int):
+    truth = replace(DRIFTING, sensor=f"short {count}")
+    register.enter_calibrations(ten(tmp_path, truth)[:count])
+    found = page(register.history(truth.sensor))
+    parsed(found)
+    assert ("One calibration: nothing to compare." in found) == (count == 1)
+
+
+def test_names_of_all_kinds_are_text_and_nothing_else(register: Register, tmp_path: Path):
+    rng = np.random.default_rng(1)
+    name = '<script>alert("1")</script> & $x^2$ 加'
+    for k in range(3):
+        made = content(DRIFTING, float(k), rng, method="<b>", estimator="&amp;")
+        made["sensor"]["name"] = name
+        made["sensor"]["axes"][0]["name"] = '"><i>x</i> $a_b$'
+        for row in made["coefficients"]:
+            row["name"] = row["name"].replace("ax.", '"><i>x</i> $a_b$.')
+        register.enter_calibration(write(tmp_path / f"{k}.json", hashed(made)))
+    found = page(register.history(name))
+    tags = parsed(found)
+    assert "<script" not in found
+    assert "<i>" not in found
+    assert name in "".join(tags.text)
+    assert len(tags.ids) == len(set(tags.ids))
+
+
+def test_calibrations_of_one_moment_are_drawn(register: Register, tmp_path: Path):
+    rng = np.random.default_rng(1)
+    truth = replace(DRIFTING, sensor="at once")
+    for k in range(3):
+        register.enter_calibration(write(tmp_path / f"{k}.json", content(truth, 0.0, rng)))
+    history = register.history("at once")
+    assert all(course.line is None for course in history.courses)
+    parsed(page(history))
+
+
+def test_the_page_is_written_whole(history: History, tmp_path: Path):
+    path = write_history(history, tmp_path / "history.html")
+    assert path.read_text(encoding="utf-8").rstrip().endswith("</html>")
+    assert path.stat().st_size < 1_000_000

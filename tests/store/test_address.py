@@ -1,0 +1,173 @@
+"""Where a register is: what is taken, what is refused in one line, and that no password is said."""
+
+import os
+import socket
+import sqlite3
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.store.generator import DRIFTING, content, ten, write
+
+from inercal.errors import InputError
+from inercal.store import Register
+from inercal.store.address import address_of
+
+
+def refusal(address: str) -> str:
+    with pytest.raises(InputError) as refused:
+        Register(address)
+    message = str(refused.value)
+    assert "\n" not in message
+    assert "secret" not in message
+    return message
+
+
+def test_the_usual_place_is_below_the_users_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.delenv("INERCAL_REGISTER", raising=False)
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    assert address_of().file == tmp_path / "data" / "inercal" / "register.db"
+    assert (tmp_path / "data" / "inercal").is_dir()
+    for relative in ("data", ""):
+        monkeypatch.setenv("XDG_DATA_HOME", relative)
+        monkeypatch.setenv("HOME", str(tmp_path / "home"))
+        expected = tmp_path / "home" / ".local" / "share" / "inercal" / "register.db"
+        assert address_of().file == address_of("default").file == expected
+    monkeypatch.setenv("INERCAL_REGISTER", str(tmp_path / "own.db"))
+    assert address_of().file == address_of("default").file == tmp_path / "own.db"
+    assert address_of(str(tmp_path / "said.db")).file == tmp_path / "said.db"
+
+
+def test_a_usual_place_that_cannot_be_made_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    (tmp_path / "file").write_text("")
+    monkeypatch.delenv("INERCAL_REGISTER", raising=False)
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "file"))
+    with pytest.raises(InputError, match=r"folder cannot be made: .* name another by --register"):
+        address_of()
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["postgresql://a@h/b", "postgres://a@h/b", "postgresql+psycopg://a@h/b"],
+)
+def test_the_driver_of_a_server_is_chosen_here(text: str):
+    address = address_of(text)
+    assert address.url.drivername == "postgresql+psycopg"
+    assert address.shown == "postgresql://a@h/b"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "postgresql://ada:secret@host:5432/lab",
+        "postgresql://ada@host/lab?password=secret&sslmode=require",
+        "postgresql://ada@host/lab?sslpassword=secret",
+        "postgresql://ada:%20secret%40@host/lab",
+    ],
+)
+def test_a_password_is_never_printed(text: str):
+    address = address_of(text)
+    assert "secret" not in address.shown
+    assert "secret" not in repr(address)
+    assert "***" in address.shown or "hidden" in address.shown
+    assert "ada" in address.shown
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("mysql://ada:secret@host/lab", "begins with mysql://: give a path"),
+        ("sqlite://", "begins with sqlite://: give a path"),
+        ("sqlite:///", "begins with sqlite://: give a path"),
+        ("http://host/", "begins with http://"),
+        ("", "a register's address is empty"),
+        ("postgresql://ada:secret@host:port/lab", "cannot be read: write postgresql://USER"),
+        ("postgresql://ada:sec@secret@host/lab", "%40 for @"),
+        ("postgresql://", "register postgresql://"),
+    ],
+)
+def test_an_address_of_no_register_is_refused_in_one_line(
+    text: str, words: str, monkeypatch: pytest.MonkeyPatch
+):
+    for name in ("PGHOST", "PGPORT", "PGUSER", "PGDATABASE"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("PGHOST", "/nowhere")
+    assert words in refusal(text)
+
+
+def test_a_server_that_is_not_there_is_refused_with_its_address_and_no_password():
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+    message = refusal(f"postgresql://ada:secret@127.0.0.1:{port}/lab")
+    assert message.startswith(f"register postgresql://ada:***@127.0.0.1:{port}/lab: ")
+    assert "refused" in message.lower()
+
+
+def test_a_server_without_that_database_says_so(database: str):
+    name = database.partition("@/")[2].partition("?")[0]
+    assert "does not exist" in refusal(database.replace(name, "none"))
+
+
+def test_a_file_that_is_no_database_is_refused_and_left(tmp_path: Path):
+    path = tmp_path / "text.db"
+    path.write_text("no database at all, but longer than a hundred bytes " * 4)
+    assert refusal(str(path)) == f"register sqlite:///{path}: is there, but is no SQLite database"
+    assert path.read_text().startswith("no database")
+    assert "cannot be opened" in refusal(str(tmp_path))
+    assert "cannot be opened" in refusal(str(tmp_path / "none" / "r.db"))
+    assert not (tmp_path / "none").exists()
+
+
+def test_a_cut_register_is_one_line(tmp_path: Path):
+    path = tmp_path / "r.db"
+    with Register(str(path)) as register:
+        register.enter_calibrations(ten(tmp_path))
+    path.write_bytes(path.read_bytes()[: 4096 * 5])
+    with pytest.raises(InputError, match=r"register sqlite:.* damaged"), Register(str(path)) as r:
+        r.calibrations()
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_a_folder_that_cannot_be_written_is_one_line(tmp_path: Path):
+    folder = tmp_path / "closed"
+    folder.mkdir()
+    with Register(str(folder / "r.db")) as register:
+        assert register.sensors() == ()
+    folder.chmod(0o500)
+    try:
+        assert "cannot be opened" in refusal(str(folder / "other.db"))
+        with Register(str(folder / "r.db")) as register:
+            assert register.sensors() == ()
+    finally:
+        folder.chmod(0o700)
+
+
+def test_a_file_that_cannot_be_written_is_read_all_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    path = tmp_path / "r.db"
+    with Register(str(path)) as register:
+        register.enter_calibrations(ten(tmp_path))
+    connect = sqlite3.connect
+
+    def read_only(*_: object, **options: object) -> sqlite3.Connection:
+        return connect(f"file:{path}?mode=ro", uri=True, check_same_thread=False)
+
+    monkeypatch.setattr("sqlite3.dbapi2.connect", read_only)
+    with Register(str(path)) as register:
+        assert len(register.calibrations()) == 10
+        new = write(tmp_path / "new.json", content(DRIFTING, 7.0, np.random.default_rng(2)))
+        with pytest.raises(InputError, match="cannot be written"):
+            register.enter_calibration(new)
+
+
+def test_what_is_missing_for_a_register_is_said(monkeypatch: pytest.MonkeyPatch):
+    for name in [name for name in sys.modules if name.startswith("inercal.store")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "sqlalchemy", None)
+    with pytest.raises(InputError, match=r"pip install 'inercal\[store\]'"):
+        import_module("inercal.store")

@@ -1,0 +1,247 @@
+"""Ten calibrations of a sensor that drifts, and of one that does not."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.store.generator import (
+    DRIFTING,
+    G0,
+    IMU,
+    Truth,
+    content,
+    hashed,
+    stds,
+    ten,
+    write,
+)
+
+from inercal.calibration.files import load
+from inercal.errors import InputError
+from inercal.store import Register
+from inercal.store.changes import BY_CHANCE
+from inercal.store.comparison import compare
+from inercal.store.history import History
+
+STEADY = Truth("steady", IMU, {"ay.k0": 1e-3 * G0}, {})
+Change = Callable[[dict[str, Any]], object]
+
+
+def of(register: Register, *paths: Path) -> History:
+    register.enter_calibrations(paths)
+    return register.history(load(paths[0]).sensor.name)
+
+
+@pytest.fixture
+def register(tmp_path: Path) -> Register:
+    return Register(str(tmp_path / "register.db"))
+
+
+def two(folder: Path, *changes: Change, truth: Truth = STEADY, seed: int = 1) -> list[Path]:
+    """Write two calibrations half a year apart, the first of them changed."""
+    rng = np.random.default_rng(seed)
+    first, second = (content(truth, years, rng) for years in (0.0, 0.5))
+    for change in changes:
+        change(first)
+    return [
+        write(folder / "first.calibration.json", hashed(first)),
+        write(folder / "second.calibration.json", second),
+    ]
+
+
+def test_the_drift_of_a_sensor_is_found_within_its_uncertainty(address: str, tmp_path: Path):
+    with Register(address) as register:
+        history = of(register, *ten(tmp_path))
+    assert len(history.entries) == 10
+    for name, drift in DRIFTING.drift.items():
+        course = history.course(name)
+        assert course.line is not None
+        assert course.verdict == "drifts"
+        assert abs(course.line.slope - drift) < 2 * course.line.slope_std
+        # At its mean time the line has the value that is true then.
+        truth = DRIFTING.start.get(name, 0.0) + drift * course.line.time
+        assert abs(course.line.value - truth) < 3 * course.line.value_std
+    # Half a year of it is less than U; E_n exceeds 1 now and then, over four and a half years much.
+    whole = compare(load(tmp_path / "0.calibration.json"), load(tmp_path / "9.calibration.json"))
+    en = dict(zip(whole.names, whole.normalised, strict=True))
+    assert en["ax.k0"] > 3
+    assert en["gz.scale"] < -3
+    assert whole.joint is not None
+    assert whole.joint.p_value < 1e-6
+
+
+@pytest.mark.parametrize("seed", [11, 12, 13])
+def test_a_slope_errs_by_what_it_states_and_steady_ones_are_called_so(
+    register: Register, tmp_path: Path, seed: int
+):
+    apart: list[float] = []
+    called = beyond = steps = 0
+    for k in range(4):
+        truth = replace(STEADY, sensor=f"steady {k}", drift={"gx.scale": 5e-6})
+        folder = tmp_path / str(k)
+        folder.mkdir()
+        history = of(register, *ten(folder, truth, 100 * seed + k))
+        for course in history.courses:
+            assert course.line is not None
+            off = course.line.slope - truth.drift.get(course.name, 0.0)
+            apart.append(off / course.line.slope_std)
+            called += course.name not in truth.drift and course.verdict != "steady"
+        beyond, steps = beyond + history.beyond, steps + history.steps
+    # Coefficients of one calibration are correlated a little: some slack on 96 independent ones.
+    assert float(np.std(apart)) == pytest.approx(1, abs=4.5 / np.sqrt(2 * len(apart)))
+    assert abs(np.mean(apart)) < 4.5 / np.sqrt(len(apart))
+    assert called < 20  # of 92, one in 13 expected
+    assert abs(beyond / steps - BY_CHANCE) < 0.02
+
+
+def test_a_repeat_within_u_is_not_called_a_change(address: str, tmp_path: Path):
+    paths = two(tmp_path)
+    second = json.loads(paths[1].read_text(encoding="utf-8"))
+    first = json.loads(paths[0].read_text(encoding="utf-8"))
+    for row, (before, std) in zip(
+        second["coefficients"],
+        zip((c["value"] for c in first["coefficients"]), stds(STEADY.names), strict=True),
+        strict=True,
+    ):
+        # U of each is 2 std, of the difference 2.8: 2.7 of it is just within.
+        row["value"] = before + 2.7 * std * (-1) ** len(row["name"])
+    write(paths[1], hashed(second))
+    with Register(address) as register:
+        history = of(register, *paths)
+        assert history.verdicts == {"steady": tuple(STEADY.names)}
+        assert history.beyond == 0
+        second["coefficients"][3]["value"] += 0.2 * stds(STEADY.names)[3] * 10
+        later = second["provenance"] | {"created": "2023-01-01"}
+        changed = write(tmp_path / "third.json", hashed(second | {"provenance": later}))
+        register.enter_calibration(changed)
+        course = register.history("steady").course(STEADY.names[3])
+    assert course.values.size == 3
+
+
+def test_what_exceeds_u_between_two_calibrations_is_a_change(register: Register, tmp_path: Path):
+    def shifted(first: dict[str, Any]) -> None:
+        first["coefficients"][0]["value"] += 12 * stds(STEADY.names)[0]
+
+    history = of(register, *two(tmp_path, shifted))
+    assert "ax.k0" in history.verdicts["changed"]
+    assert history.course("ax.k0").normalised[1] < -1
+    assert history.course("ax.k0").line is None
+
+
+def test_one_calibration_is_a_history_without_a_verdict(register: Register, tmp_path: Path):
+    history = of(register, two(tmp_path)[0])
+    assert history.verdicts == {"too few": tuple(STEADY.names)}
+    assert (history.steps, history.beyond, history.joint) == (0, 0, (None,))
+
+
+def triangular(made: dict[str, Any]) -> None:
+    made["frame"] = "triangular"
+
+
+def test_another_frame_is_brought_to_that_of_the_newest(register: Register, tmp_path: Path):
+    paths = two(tmp_path)
+    newest = json.loads(paths[1].read_text(encoding="utf-8"))
+    in_frame = load(paths[1]).in_frame("triangular")
+    newest["frame"], newest["mount"] = "triangular", in_frame.mount.tolist()
+    newest["covariance"] = in_frame.covariance.tolist()
+    newest["coefficients"] = [
+        {"name": n, "value": v, "std": s, "unit": "1"}
+        for n, v, s in zip(
+            in_frame.sensor.coefficients,
+            in_frame.values.tolist(),
+            in_frame.std.tolist(),
+            strict=True,
+        )
+    ]
+    write(paths[1], hashed(newest))
+    history = of(register, *paths)
+    assert len(history.entries) == 2
+    # Three misalignments of the accelerometers are zero by the frame, with no uncertainty.
+    held = {"ax.delta_o", "ax.delta_p", "ay.delta_o"}
+    kept = {course.name for course in history.courses}
+    assert kept & held == set()
+    assert any("no data stand behind" in line and "ax.delta_o" in line for line in history.left_out)
+    expected = load(paths[0]).in_frame("triangular")
+    for name in kept & set(expected.sensor.coefficients):
+        assert history.course(name).values[0] == pytest.approx(expected.value(name), abs=1e-15)
+    # A rotation of both leaves the test as it was, but for the angles of the mounting.
+    assert history.joint[1] is not None
+    assert history.joint[1].rank == history.joint[1].size
+
+
+def test_a_frame_that_cannot_be_brought_is_left_out_by_name(register: Register, tmp_path: Path):
+    history = of(register, *two(tmp_path, triangular))
+    assert [entry.id for entry in history.entries] == [2]
+    (line,) = history.left_out
+    assert line.startswith("calibration #1 cannot be compared with the newest: its frame is tri")
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda c: c["sensor"]["axes"][0]["readout"].update(scale=2.0), "nominally 2 m/s² per SI"),
+        (lambda c: c["sensor"]["axes"][1]["readout"].update(unit="g"), "1 g per SI unit"),
+        (lambda c: c["sensor"]["axes"][2].update(i=[0, 0, -1]), "lies another way"),
+    ],
+)
+def test_other_terms_are_left_out_with_the_reason(
+    register: Register, tmp_path: Path, change: Change, words: str
+):
+    history = of(register, *two(tmp_path, change))
+    assert len(history.entries) == 1
+    assert words in history.left_out[0]
+    first, second = two(tmp_path, change)
+    with pytest.raises(InputError, match="the first cannot be compared with the second"):
+        compare(load(first), load(second))
+
+
+def test_coefficients_that_the_newest_lacks_are_named(register: Register, tmp_path: Path):
+    rng = np.random.default_rng(3)
+    whole = content(STEADY, 0.0, rng)
+    part = content(replace(STEADY, axes=("ax", "ay", "az")), 0.5, rng)
+    paths = [write(tmp_path / f"{k}.json", made) for k, made in enumerate((whole, part))]
+    history = of(register, *paths)
+    assert len(history.courses) == 12
+    (line,) = history.left_out
+    assert line.startswith("gx.bias, gx.delta_o")
+    assert "not among the coefficients of the newest calibration" in line
+    compared = compare(load(paths[0]), load(paths[1]))
+    assert len(compared.names) == 12
+    assert compared.left_out[0].startswith("only the first has gx.bias")
+    backwards = compare(load(paths[1]), load(paths[0]))
+    assert backwards.left_out[0].startswith("only the second has gx.bias")
+    np.testing.assert_allclose(backwards.difference, -compared.difference)
+
+
+def test_coefficients_are_chosen_by_name_group_and_axis(register: Register, tmp_path: Path):
+    history = of(register, *two(tmp_path))
+    assert [c.name for c in history.chosen(["ax.k0"]).courses] == ["ax.k0"]
+    assert [c.name for c in history.chosen(["gx.misalignment", "ay.bias"]).courses] == [
+        "ay.k0",
+        "gx.delta_o",
+        "gx.delta_p",
+    ]
+    assert history.chosen([]) is history
+    with pytest.raises(InputError, match="no coefficient or group 'k9'"):
+        history.chosen(["k9"])
+    with pytest.raises(InputError, match=r"k2: not in this history; it has ax\.k0"):
+        history.chosen(["k2"])
+    with pytest.raises(InputError, match=r"no coefficient 'x\.k0' in this history"):
+        history.course("x.k0")
+
+
+def test_calibrations_follow_one_another_as_they_were_measured(register: Register, tmp_path: Path):
+    paths = ten(tmp_path)
+    for path in reversed(paths):
+        register.enter_calibration(path)
+    late = register.enter_calibration(
+        write(tmp_path / "late.json", content(DRIFTING, 9.0, np.random.default_rng(1))),
+        measured="2019-01-01",
+    )
+    history = register.history(DRIFTING.sensor)
+    assert [entry.id for entry in history.entries] == [late, *range(10, 0, -1)]
+    assert history.date(0.0) == "2019-01-01T00:00:00+00:00"

@@ -1,0 +1,81 @@
+"""A register is brought up to date when it is opened, and one that is newer is left alone."""
+
+import sqlite3
+from pathlib import Path
+
+import psycopg
+import pytest
+from alembic.autogenerate import compare_metadata
+from alembic.migration import MigrationContext
+from sqlalchemy import create_engine
+from tests.store.generator import ten
+
+from inercal.errors import InputError
+from inercal.store import Register
+from inercal.store.address import address_of
+from inercal.store.migrate import VERSION_TABLE
+from inercal.store.tables import metadata
+
+
+def revised(address: str, revision: str) -> None:
+    """Say in a register that its tables are of another revision."""
+    engine = create_engine(address_of(address).url)
+    with engine.begin() as db:
+        db.exec_driver_sql(f"UPDATE {VERSION_TABLE} SET version_num = '{revision}'")
+    engine.dispose()
+
+
+def test_migrations_lead_to_the_tables_of_this_version(address: str):
+    Register(address).close()
+    engine = create_engine(address_of(address).url)
+    with engine.connect() as db:
+        context = MigrationContext.configure(db, opts={"version_table": VERSION_TABLE})
+        assert compare_metadata(context, metadata) == []
+        assert context.get_current_revision() == "0001"
+    engine.dispose()
+
+
+def test_opening_again_keeps_everything(address: str, tmp_path: Path):
+    with Register(address) as register:
+        register.enter_calibrations(ten(tmp_path))
+        before = register.calibrations()
+    with Register(address) as register:
+        assert register.calibrations() == before
+
+
+def test_a_newer_register_is_refused_and_left_as_it_is(address: str):
+    Register(address).close()
+    revised(address, "9999")
+    with pytest.raises(InputError, match=r"newer version of inercal .* \(revision 9999;") as said:
+        Register(address)
+    assert "\n" not in str(said.value)
+    revised(address, "0001")
+    Register(address).close()
+
+
+def test_a_migration_that_fails_leaves_an_empty_database(
+    address: str, monkeypatch: pytest.MonkeyPatch
+):
+    def fails(*_: object, **__: object) -> None:
+        raise InputError("stopped within")
+
+    monkeypatch.setattr("alembic.op.create_index", fails)
+    with pytest.raises(InputError, match="stopped within"):
+        Register(address)
+    monkeypatch.undo()
+    with Register(address) as register:
+        assert register.sensors() == ()
+
+
+def test_a_database_of_something_else_is_refused_and_left_as_it_is(tmp_path: Path, database: str):
+    path = tmp_path / "other.db"
+    db = sqlite3.connect(path)
+    db.execute("CREATE TABLE sensor (a)")
+    db.close()
+    before = path.read_bytes()
+    with psycopg.connect(database) as server:
+        server.execute("CREATE TABLE sensor (a int)")
+    for address in (str(path), database):
+        with pytest.raises(InputError, match=r"it is a database of something else, .* 'sensor'"):
+            Register(address)
+    assert path.read_bytes() == before
