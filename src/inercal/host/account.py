@@ -174,7 +174,7 @@ class Account:
                 time,
                 "warning",
                 f"so far {tally.no_angle} samples of {tally.samples + tally.no_angle} are left "
-                "out: the table was read too seldom while it turned",
+                "out: the table was read too seldom while it turned, or sought its zero",
             )
         self._losses, self._lost_at = losses, time
 

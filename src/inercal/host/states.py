@@ -31,6 +31,7 @@ class Polls(NamedTuple):
     rate: Array  # (n, k)
     following_error: Array  # (n, k)
     settled: NDArray[np.bool_]  # (n,), all axes
+    homed: NDArray[np.bool_]  # (n,), all axes
 
 
 def pack(state: TableState) -> bytes:
@@ -95,7 +96,8 @@ def polls(payloads: Sequence[bytes]) -> Polls:
     rows = np.frombuffer(b"".join(payloads), _kind(k))
     of = rows["axes"]
     settled = (of["flags"] & (_IN_POSITION | _MOVING) == _IN_POSITION).all(axis=-1)
-    return Polls(rows["time"], rows["span"], of["angle"], of["rate"], of["error"], settled)
+    homed = (of["flags"] & _HOMED != 0).all(axis=-1)
+    return Polls(rows["time"], rows["span"], of["angle"], of["rate"], of["error"], settled, homed)
 
 
 @cache

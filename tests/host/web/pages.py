@@ -26,6 +26,8 @@ from inercal.host.web.runs import Runs
 from inercal.host.web.server import Server, listening, made
 
 PATIENCE = 20.0  # s
+COMPILING = 300.0  # s, the first time on a machine
+RUNNING = 120.0  # s
 SCRIPT = (sys.executable, str(Path(__file__).with_name("scripted_worker.py")))
 SIMULATED = {"table": {"id": "simulated"}, "imu": {"id": "simulated"}}
 
@@ -47,16 +49,16 @@ class Page:
         """Ask for something."""
         self.connection.send(json.dumps({"do": do, **content}))
 
-    def next(self) -> dict[str, Any]:
+    def next(self, patience: float = PATIENCE) -> dict[str, Any]:
         """Return the next message."""
-        self.heard.append(json.loads(self.connection.recv(PATIENCE)))
+        self.heard.append(json.loads(self.connection.recv(patience)))
         return self.heard[-1]
 
     def until(self, kind: str, patience: float = PATIENCE, **content: object) -> dict[str, Any]:
         """Return the next message of a kind that says that."""
         end = monotonic() + patience
         while monotonic() < end:
-            message = self.next()
+            message = self.next(patience)
             if message["kind"] == kind and content.items() <= message.items():
                 return message
         raise AssertionError(f"no {kind} {content} within {patience} s; heard {self.heard[-5:]}")

@@ -12,7 +12,7 @@ from inercal.host import devices
 from inercal.host.web import choice
 from inercal.host.web.access import Access, is_loopback
 from inercal.host.web.choice import Choice, Chosen
-from inercal.host.web.order import Order, inhabited, note, noted, renamed
+from inercal.host.web.order import Order, Simulated, inhabited, note, noted, renamed
 from inercal.host.web.plans import Plans
 from inercal.host.web.refused import Refused
 
@@ -136,9 +136,8 @@ def test_plans_that_are_none_are_listed_with_their_trouble(tmp_path: Path):
 
 
 def test_an_order_comes_through_as_it_was_given():
-    order = Order("/runs/a", "/plans/p.toml", "MIMU", "Ada", "t", "i", "c", "fixed", 2.0, "r")
+    order = Order("/runs/a", "/plans/p.toml", "MIMU", "Ada", "t", "i", "c", "fixed", 7, 2.0, "r")
     assert Order.of(order.line) == order
-    assert order.seed == Order.of(order.line).seed
     for line in ("", "{}", "[1]", '{"folder": "x", "burn": 1}'):
         with pytest.raises(InputError, match="no order"):
             Order.of(line)
@@ -147,13 +146,13 @@ def test_an_order_comes_through_as_it_was_given():
 def test_a_note_tells_who_drives_a_run_as_long_as_it_lives(tmp_path: Path):
     assert noted(tmp_path) is None
     assert not inhabited(tmp_path)
-    held = note(tmp_path, "fixed")
+    held = note(tmp_path, Simulated("fixed", 7))
     assert inhabited(tmp_path)
     with pytest.raises(InputError, match="another process drives this run"):
         note(tmp_path, None)
     was = noted(tmp_path)
     assert was is not None
-    assert was == (os.getpid(), "fixed")
+    assert was == (os.getpid(), ("fixed", 7))
     os.close(held)
     assert not inhabited(tmp_path)
 

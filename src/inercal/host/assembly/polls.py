@@ -8,7 +8,7 @@ stood still on both sides, as where it holds and is polled more seldom: there a 
 # pyright: reportUntypedFunctionDecorator=false
 
 from collections.abc import Sequence
-from math import inf, isfinite
+from math import inf, isfinite, nan
 from typing import NamedTuple
 
 import numpy as np
@@ -32,7 +32,7 @@ class Known(NamedTuple):
     """Polls in the order of time; the oldest are let go."""
 
     time: Array  # (n,) s by the table's clock, counted on
-    angle: Array  # (n, k) rad
+    angle: Array  # (n, k) rad; NaN while a table seeks its zero
     settled: NDArray[np.bool_]  # (n,)
 
     def where(self, rows: "NDArray[np.bool_] | slice") -> "Known":
@@ -112,7 +112,9 @@ class Table:
         time = time + self.turns
         later = time > np.maximum.accumulate(np.concatenate([[self.last], time[:-1]]))
         self.left_out += int(np.sum(~later))
-        kept = Known(time, came.angle, came.settled).where(later)
+        # An angle is one from the zero that homing finds; of a table that seeks it there is none.
+        angle = np.where(came.homed[:, None], came.angle, nan)
+        kept = Known(time, angle, came.settled).where(later)
         if self.offset is None:
             self._match(heard, time)
         if self.known is None:
@@ -148,7 +150,7 @@ class Table:
             np.zeros(time.size, np.bool_),
         )
         _between(time, *self.known, self._gap, found, there)
-        return found, there
+        return found, there & np.isfinite(found).all(axis=-1)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

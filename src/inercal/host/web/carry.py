@@ -12,13 +12,13 @@ from inercal.benches.turntable import Turntable
 from inercal.errors import InputError
 from inercal.host.addresses import layout_of_address
 from inercal.host.compile import compiled
-from inercal.host.folder import JOURNAL, Folder, begin, resumed
+from inercal.host.folder import JOURNAL, POLL, Folder, begin, resumed
 from inercal.host.journal import Journal
 from inercal.host.run import Addresses, BenchRun, Options
 from inercal.host.web import pictures, simulating
 from inercal.host.web.control import Control
 from inercal.host.web.ending import Ending
-from inercal.host.web.order import NOTE, Order, note, renamed
+from inercal.host.web.order import NOTE, Order, Simulated, note, renamed
 from inercal.host.web.publish import Publisher
 from inercal.host.web.teller import EVERY, Teller
 from inercal.runfile import Run, read
@@ -51,13 +51,13 @@ class Carrying:
         run = self._planned()
         assert isinstance(run.bench, Turntable)
         with ExitStack() as opened:
-            preset = simulating.preset_of(self._order)
-            addresses = self._addresses(run, preset, opened)
+            bench = simulating.wanted(self._order)
+            addresses = self._addresses(run, bench, opened)
             made, journal = self._made(run, addresses)
             opened.enter_context(journal)
             with self._kept_if_it_was(made):
-                opened.callback(os.close, note(made.path, preset))
-                journal.event("info", self._words(preset))
+                opened.callback(os.close, note(made.path, bench))
+                journal.event("info", self._words(bench))
                 ending = Ending(self._order, made, journal)
                 teller = Teller(self._publisher, made.run, run.bench, journal)
                 told = self._to_its_end(made, journal, teller, ending)
@@ -80,27 +80,28 @@ class Carrying:
 
     def _planned(self) -> Run:
         """Return the run file that is wanted, and tell what is in it."""
-        order = self._order
+        order, clock = self._order, self._order.clock
         if order.plan is not None:
             run = read(order.plan)
         else:
             with Journal(self._folder / JOURNAL) as journal:
-                run = read(self._folder / journal.header().run_file)
+                was = journal.header()
+            run, clock = read(self._folder / was.run_file), clock or was.clock
         if not isinstance(run.bench, Turntable):
             raise InputError(f"{run.path}: [bench] kind: a bench run takes a turntable")
         told = pictures.plan(run, run.bench) | {"run": order.name}
         told["begun"] = datetime.now(UTC).isoformat(timespec="milliseconds")
-        told["simulated"] = simulating.preset_of(order) is not None or bool(order.clock)
+        told["simulated"] = simulating.wanted(order) is not None or bool(clock)
         told["sensor"] = order.sensor or told["sensor"]
         self._publisher.tell("plan", **told)
         return run
 
-    def _addresses(self, run: Run, preset: str | None, opened: ExitStack) -> Addresses:
+    def _addresses(self, run: Run, wanted: Simulated | None, opened: ExitStack) -> Addresses:
         order = self._order
-        if preset is None:
+        if wanted is None:
             return Addresses(order.table, order.imu, order.clock)
         self._phase(simulating.WORDS)
-        bench = opened.enter_context(simulating.started(order, run, preset))
+        bench = opened.enter_context(simulating.started(run, wanted))
         self._compiled = True
         if order.plan is None:
             simulating.let_pass(bench, self._folder)
@@ -114,7 +115,8 @@ class Carrying:
         if order.plan is None:
             return resumed(self._folder, addresses)
         content = None if order.sensor is None else renamed(run.path, order.sensor)
-        return begin(self._folder, run, addresses, content=content)
+        poll = POLL if simulating.wanted(order) is None else simulating.POLL
+        return begin(self._folder, run, addresses, poll, content)
 
     @contextmanager
     def _kept_if_it_was(self, made: Folder) -> Generator[None]:
@@ -154,7 +156,7 @@ class Carrying:
     def _phase(self, words: str) -> None:
         self._publisher.tell("phase", run=self._order.name, words=words)
 
-    def _words(self, preset: str | None) -> str:
+    def _words(self, bench: Simulated | None) -> str:
         what = "begun" if self._order.plan is not None else "resumed"
         words = f"{what} from the page by {self._order.by or 'an operator without a name'}"
-        return words if preset is None else f"{words}; simulated bench, seed {self._order.seed}"
+        return words if bench is None else f"{words}; simulated bench, seed {bench.seed}"

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
+from zlib import crc32
 
 from inercal.errors import InputError
 from inercal.host.web.asked import Asked
@@ -188,6 +189,7 @@ class Hub:
             chosen.imu,
             chosen.clock,
             chosen.simulated,
+            crc32(folder.name.encode()),  # another bench for another run
             self._speed,
             self._register,
         )

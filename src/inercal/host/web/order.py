@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
-from zlib import crc32
 
 import tomlkit
 
@@ -36,6 +35,8 @@ class Order:
         Addresses; empty where they are as before.
     simulated : str or None
         Preset of the packets of a bench that is simulated for the run.
+    seed : int
+        Of that bench, unless the run had another before.
     speed : float or None
         Most seconds of a simulated bench in one of the wall's.
     register : str or None
@@ -50,6 +51,7 @@ class Order:
     imu: str = ""
     clock: str = ""
     simulated: str | None = None
+    seed: int = 0
     speed: float | None = None
     register: str | None = None
 
@@ -77,10 +79,12 @@ class Order:
         """What the run is called: its folder's name."""
         return Path(self.folder).name
 
-    @property
-    def seed(self) -> int:
-        """Of a simulated bench: that of a run stays the same, another's is another."""
-        return crc32(self.name.encode())
+
+class Simulated(NamedTuple):
+    """A bench that is simulated for a run: preset of the packets, and seed."""
+
+    preset: str
+    seed: int
 
 
 class Note(NamedTuple):
@@ -90,15 +94,15 @@ class Note(NamedTuple):
     ----------
     process : int
         Its number, as long as `inhabited` says so.
-    simulated : str or None
-        As of `Order`.
+    simulated : Simulated or None
+        The bench that is simulated for the run.
     """
 
     process: int
-    simulated: str | None
+    simulated: Simulated | None
 
 
-def note(folder: Path, simulated: str | None) -> int:
+def note(folder: Path, simulated: Simulated | None) -> int:
     """Write the note, and return a descriptor that keeps it locked until the process ends.
 
     Raises
@@ -124,8 +128,10 @@ def noted(folder: Path) -> Note | None:
     """Return the note; None where there is none."""
     try:
         content: Mapping[str, Any] = json.loads((folder / NOTE).read_bytes())
-        return Note(int(content["process"]), content["simulated"])
-    except (OSError, ValueError, KeyError, TypeError):
+        was = content["simulated"]
+        simulated = None if was is None else Simulated(str(was[0]), int(was[1]))
+        return Note(int(content["process"]), simulated)
+    except (OSError, ValueError, LookupError, TypeError):
         return None
 
 

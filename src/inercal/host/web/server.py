@@ -88,14 +88,12 @@ class Server(uvicorn.Server):
 
     def end(self) -> None:
         """Stop the run, if one goes on, and end when that has ended."""
-        if self._hub.going is None:
-            self.should_exit = True
-            return
-        say(
-            "the run is being stopped; this ends when the table is at rest (Ctrl-C again: at once; "
-            "the run is stopped all the same)"
-        )
-        self._hub.going.stop()
+        if self._hub.goes_on is not None:
+            say(
+                "the run is being stopped; this ends when the table is at rest (Ctrl-C again: at "
+                "once; the run is stopped all the same)"
+            )
+            self._hub.stop()
         self._ending = asyncio.ensure_future(self._end())
 
     async def _end(self) -> None:

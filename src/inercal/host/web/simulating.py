@@ -3,32 +3,35 @@
 from functools import partial
 from pathlib import Path
 
-from inercal.host.addresses import layout_of_address
 from inercal.host.clock import SimulatedClock
 from inercal.host.compile import compiled
 from inercal.host.folder import LOG
 from inercal.host.log import frames
+from inercal.host.packets import read_layout
 from inercal.host.run import Addresses
 from inercal.host.simulated import SimulatedBench
-from inercal.host.web.order import Order, noted
+from inercal.host.web.order import Order, Simulated, noted
 from inercal.runfile import Run
 
 _STEP, _LATER = 10.0, 2.0  # s of the bench
+# So seldom minutes pass in seconds; at 15 °/s² angles between are within some arcseconds.
+POLL = 0.05  # s
 WORDS = "starting the simulated bench; the first time on a machine all is compiled, about a minute"
 
 
-def preset_of(order: Order) -> str | None:
-    """Return the preset of the packets of a bench to be simulated; None where none is.
+def wanted(order: Order) -> Simulated | None:
+    """Return the bench that is to be simulated; None where none is.
 
-    A run that goes on without a word of where has the bench that it had.
+    A run that goes on has the bench that it had.
     """
-    if order.simulated is None and order.plan is None and not (order.table or order.imu):
-        was = noted(Path(order.folder))
-        return was.simulated if was is not None else None
-    return order.simulated
+    note = noted(Path(order.folder)) if order.plan is None else None
+    was = note.simulated if note is not None else None
+    if order.simulated is None:
+        return None if order.table or order.imu else was
+    return Simulated(order.simulated, was.seed if was is not None else order.seed)
 
 
-def started(order: Order, run: Run, preset: str) -> SimulatedBench:
+def started(run: Run, bench: Simulated) -> SimulatedBench:
     """Return the bench, alike for one run however often it goes on; compiles meanwhile.
 
     Raises
@@ -36,8 +39,8 @@ def started(order: Order, run: Run, preset: str) -> SimulatedBench:
     InputError
         As `SimulatedBench`.
     """
-    compiling = partial(compiled, run, layout_of_address(f"tcp://simulated:1?preset={preset}"))
-    return SimulatedBench(run.path, order.seed, preset, meanwhile=compiling)
+    compiling = partial(compiled, run, read_layout(bench.preset))
+    return SimulatedBench(run.path, bench.seed, bench.preset, meanwhile=compiling)
 
 
 def addresses(bench: SimulatedBench) -> Addresses:
