@@ -161,7 +161,7 @@ def test_beside_a_key_that_is_missing_the_misspelt_one_is_named(tmp_path: Path):
 def test_a_bench_without_kind_says_so_of_keys_of_another(tmp_path: Path):
     message = refusal(tmp_path, changed(ON_TABLE, ('kind = "rate_table"\n', "")))
     assert message == (
-        "unknown key bench.radius; possible here: gravity, latitude, height, kind, tilt, "
+        "unknown key bench.radius; possible here: gravity, latitude, height, name, kind, tilt, "
         "turn_angle, turn_tilt, timebase; kind is missing, so hand is taken; "
         'radius goes with kind = "centrifuge" or "rate_table"'
     )

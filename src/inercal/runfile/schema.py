@@ -41,10 +41,10 @@ class SensorSection(_Section):
 
 
 class _BenchSection(_Section):
-    name: str = Field("", description="what the laboratory calls it", examples=["table 2"])
     gravity: str | None = Field(None, examples=["9.8073 m/s² ± 0.2 mm/s²"])
     latitude: str | None = Field(None, examples=["48.1 °"])
     height: str = Field("0 m", examples=["520 m"])
+    name: str = Field("", description="what the laboratory calls it", examples=["table 2"])
 
     @model_validator(mode="after")
     def _gravity_is_known(self) -> "_BenchSection":

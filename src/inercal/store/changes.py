@@ -1,7 +1,7 @@
 """Whether a coefficient changed between calibrations, and how it drifts.
 
-Between two calibrations, the normalised error of ISO/IEC 17043:2010 (B.4.1.1) and ISO 13528:2022
-(9.7), here of the later beyond the earlier::
+Between two calibrations, the normalised error of ISO/IEC 17043:2010 (annex B) and ISO 13528:2022,
+here of the later beyond the earlier::
 
     E_n = (x₂ − x₁) / √(U₁² + U₂²),   U = 2 u  (GUM 6.2.1)
 
