@@ -1,32 +1,51 @@
 /** Alarms stay on top until the viewer has acknowledged them, also when the page is loaded anew. */
 
-import { byId, make } from "./dom.js";
+import { byId, make, put } from "./dom.js";
 import { clock } from "./format.js";
 import { seen } from "./live.js";
 
 const KNOWN = "inercal.alarms"; // of this tab: those that were acknowledged, with their run
+const MOST = 500;
 
 export function makeAlarms() {
   const region = byId("alarms");
+  let ringing = new Map(); // by words: the line, how often it was said, and the keys
 
   function event({ level, time, words, at }) {
     if (level !== "alarm") return;
     const key = `${seen.plan?.run}|${at}|${words}`;
     if (known().includes(key)) return;
+    const one = ringing.get(words) ?? begin(words);
+    one.keys.push(key);
+    const often = one.keys.length > 1 ? ` (${one.keys.length} times)` : "";
+    put(one.said, `${clock(time)}: ${words}${often}`);
+  }
+
+  function begin(words) {
     const label = `Acknowledge: ${words}`;
     const button = make("button", { type: "button", "aria-label": label }, "Acknowledge");
+    const said = make("span");
     const line = make("div", { class: "ringing" },
-      make("p", {}, make("strong", {}, "■ ALARM "), `${clock(time)}: ${words}`), button);
+      make("p", {}, make("strong", {}, "■ ALARM "), said), button);
+    const one = { said, keys: [] };
     button.addEventListener("click", () => {
-      sessionStorage.setItem(KNOWN, JSON.stringify([...known().slice(-99), key]));
+      sessionStorage.setItem(KNOWN, JSON.stringify([...known(), ...one.keys].slice(-MOST)));
+      ringing.delete(words);
       const next = line.nextElementSibling ?? line.previousElementSibling;
       line.remove();
       (next?.querySelector("button") ?? byId("stop")).focus();
     });
+    ringing.set(words, one);
     region.prepend(line);
+    return one;
   }
 
-  return { plan: () => region.replaceChildren(), idle: () => region.replaceChildren(), event };
+  function clear() {
+    ringing = new Map();
+    region.replaceChildren();
+  }
+
+  return { plan: clear, idle: clear, event };
 }
 
 function known() {

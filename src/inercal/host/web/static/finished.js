@@ -45,7 +45,7 @@ export function makeFinished(people) {
     section.hidden = true;
   }
 
-  return { plan: hide, idle: hide, done };
+  return { plan: hide, phase: hide, idle: hide, done };
 }
 
 /** A place on this server, and nothing else. */

@@ -51,9 +51,8 @@ export function makeHeader() {
     const state = seen.state;
     progress.hidden = !state;
     if (!state) return put(time, seen.plan ? `${clock(seen.plan.seconds)} planned` : "");
-    const [gone, left] = [state.time, seen.done ? 0 : Math.max(state.remaining ?? 0, 0)];
-    const whole = gone + left;
-    progress.value = seen.done?.state === "done" ? 1 : whole > 0 ? gone / whole : 0;
+    const [gone, left] = [state.time, Math.max(state.remaining ?? 0, 0)];
+    progress.value = seen.done?.state === "done" ? 1 : gone / Math.max(gone + left, 1e-9);
     const fast = state.speed > 1.5 ? ` · ${fixed(state.speed, 0)} × real time` : "";
     put(time, `${clock(gone)} gone${seen.done ? "" : `, ${clock(left)} to go${fast}`}`);
     put(trouble, state.trouble && !seen.done ? state.trouble : "");

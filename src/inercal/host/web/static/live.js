@@ -105,6 +105,8 @@ function keep(message) {
       Object.assign(seen, { idle: false, plan: message, phase: "", state: null, done: null });
       break;
     case "phase":
+      // After its end a run that is resumed, or another one, begins.
+      if (seen.done) Object.assign(seen, { plan: null, state: null, done: null });
       seen.idle = false;
       seen.phase = message.words;
       break;
