@@ -1,7 +1,6 @@
 """The page before a real simulated bench: a whole run, by keyboard alone."""
 
 import re
-import signal
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,7 +9,7 @@ from playwright.sync_api import BrowserContext, Page, expect
 from tests.browser.conftest import Watched
 from tests.browser.test_page_scripted import tabbed_to
 from tests.host.benches import plan, quick
-from tests.host.web.test_web_whole_run import Serving
+from tests.host.web.test_web_survives import Serving
 
 from inercal.calibration.files import load
 
@@ -35,10 +34,8 @@ def pressed(page: Page, key: str) -> None:
 @pytest.fixture
 def serving(tmp_path: Path) -> Iterator[Serving]:
     plan(tmp_path / "plans", quick())
-    serving = Serving(tmp_path, "--speed", "15")
-    yield serving
-    serving.process.send_signal(signal.SIGINT)
-    serving.ended()
+    with Serving(tmp_path, "--speed", "15") as serving:
+        yield serving
 
 
 def test_a_run_is_set_up_watched_paused_finished_and_read_by_keyboard_alone(
