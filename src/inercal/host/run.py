@@ -127,6 +127,7 @@ class BenchRun:
         self.sequencer = Sequencer(self.tasks, bench.limits_of_axes, journal.done(), bench.names)
         self.name, self.sensor, self.axes = run.sensor.name, run.sensor, bench.names
         self.trouble = ""
+        self._ends: set[str] = set()
         self._journal, self._options = journal, options
         self._show: Callable[[BenchRun], None] = show or _blind
         self._every = every
@@ -335,7 +336,10 @@ class BenchRun:
 
     def _end(self, words: str) -> None:
         self.trouble = self.trouble or words
-        self._say("alarm", words)
+        # While the table comes to rest it is looked at again and again: once said is enough.
+        if words not in self._ends:
+            self._ends.add(words)
+            self._say("alarm", words)
         if not self.sequencer.over:
             self._stop(self.sequencer.abort)
 
