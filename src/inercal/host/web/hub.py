@@ -197,6 +197,10 @@ class Hub:
     def _go(self, order: Order) -> None:
         self._kept, self._has_told_its_end = Kept(), False
         self.going = self._start(order)
+        # The process takes seconds before it tells anything itself.
+        starts = _text("phase", run=order.name, words="starting the run's process")
+        self._kept.keep("phase", starts)
+        self._tell("phase", starts)
         self._relaying = asyncio.create_task(self._relay(self.going, self._kept))
 
     async def _relay(self, going: Going, kept: Kept) -> None:
