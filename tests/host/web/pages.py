@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
+from resource import RLIMIT_NOFILE, getrlimit, setrlimit
 from threading import Event, Thread
 from time import monotonic
 from typing import Any, Self
@@ -115,6 +116,14 @@ def opened(
             proxy=None,
         )
     )
+
+
+def sockets(port: int, count: int) -> list[socket.socket]:
+    """Open so many connections to the server, which is in this process too."""
+    soft, hard = getrlimit(RLIMIT_NOFILE)
+    wanted = 4 * count
+    setrlimit(RLIMIT_NOFILE, (max(soft, min(wanted, hard)), hard))
+    return [socket.create_connection(("127.0.0.1", port), PATIENCE) for _ in range(count)]
 
 
 def unharmed(page: Page) -> None:

@@ -5,7 +5,7 @@ import struct
 from contextlib import suppress
 
 import pytest
-from tests.host.web.pages import Page, Served, unharmed
+from tests.host.web.pages import Page, Served, sockets, unharmed
 from websockets.exceptions import InvalidStatus
 
 from inercal.host.web.connections import MOST as CONNECTIONS
@@ -43,7 +43,7 @@ def test_a_body_that_does_not_come_is_not_waited_for(
 
 
 def test_of_1000_sockets_most_are_closed_and_the_viewers_there_stay(served: Served, watched: Page):
-    opened = [socket.create_connection(("127.0.0.1", served.port), 20) for _ in range(1000)]
+    opened = sockets(served.port, 1000)
     try:
         unharmed(watched)
         served.wait(lambda: len(served.server.server_state.connections) == CONNECTIONS)

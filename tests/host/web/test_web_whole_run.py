@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 import pytest
 from tests.host.benches import plan, quick
-from tests.host.web.pages import COMPILING, RUNNING, SIMULATED, Served
+from tests.host.web.pages import COMPILING, RUNNING, SIMULATED, Served, sockets
 from websockets.exceptions import InvalidStatus
 
 from inercal.calibration.files import load
@@ -44,10 +44,11 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Whole:
         page.say("start", plan="plan", sensor=NAME, **SIMULATED)
         run = page.until("plan", COMPILING)["run"]
         page.until("estimates", COMPILING)
-        do_the_worst(served)
         page.say("pause")
         page.until("state", paused="paused by the operator")
+        send_nonsense(served)
         page.say("go on")
+        send_too_much(served)
         done = page.until("done", RUNNING)
         answers = {what: served.ask(done[what]) for what in ("report", "calibration", "history")}
         answers["setup"] = served.ask("/api/setup")
@@ -56,11 +57,11 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Whole:
 
 def seeded(order: Order) -> Going:
     """Start a run on a bench that is the same whenever this is tested."""
-    return Going(replace(order, seed=3))
+    return Going(replace(order, seed=3, speed=20.0))
 
 
-def do_the_worst(served: Served) -> None:
-    """Send what the page refuses."""
+def send_nonsense(served: Served) -> None:
+    """Send what the page refuses for what it is."""
     with pytest.raises(InvalidStatus):
         served.page(origin="http://evil.example")
     for path in ("/static/../app.py", "/runs/%2e%2e/report", "/history/..%2f1"):
@@ -71,14 +72,17 @@ def do_the_worst(served: Served) -> None:
             other.until("refused")
         other.connection.send(b"\xff" * 100)
         assert other.closed() == 1003
+
+
+def send_too_much(served: Served) -> None:
+    """Send what the page refuses for its size."""
     own = f"Host: {served.host}\r\nOrigin: http://{served.host}\r\nContent-Length: 100000000\r\n"
     with socket.create_connection(("127.0.0.1", served.port), 20) as connection:
         connection.sendall(f"POST /api/probe HTTP/1.1\r\n{own}\r\n".encode())
         with suppress(ConnectionError):
             for _ in range(1000):
                 connection.sendall(b"x" * 100_000)
-    sockets = [socket.create_connection(("127.0.0.1", served.port), 20) for _ in range(1000)]
-    for one in sockets:
+    for one in sockets(served.port, 1000):
         one.close()
 
 
