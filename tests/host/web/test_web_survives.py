@@ -9,6 +9,7 @@ from threading import Event
 from time import monotonic
 from typing import Self
 
+import pytest
 from tests.host.benches import INERCAL, SHORT, plan, quick
 from tests.host.web.pages import COMPILING, RUNNING, SIMULATED, Page, Served, opened
 
@@ -16,6 +17,8 @@ from inercal.host.journal import Journal
 from inercal.host.web.going import Going
 from inercal.host.web.order import Order, inhabited
 from inercal.store import Register
+
+pytestmark = pytest.mark.slow
 
 
 class Serving:
