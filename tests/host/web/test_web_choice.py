@@ -102,6 +102,18 @@ def test_nothing_else_may_be_chosen(offered: Choice, table: object, imu: object,
         offered.chosen(table, imu)
 
 
+def test_a_port_keeps_its_number_when_another_vanishes(
+    offered: Choice, monkeypatch: pytest.MonkeyPatch
+):
+    left = (devices.Port("serial:/dev/ttyS0", ""), devices.Port("serial:/dev/ttyUSB1", ""))
+    monkeypatch.setattr(choice, "ports", lambda: left)
+    offered.look()
+    assert [one["id"] for one in offered.imus()] == ["simulated", "given", "port-1", "port-2"]
+    assert offered.table({"id": "port-1"}) == "motor:serial:/dev/ttyS0?baud=9600"
+    with pytest.raises(InputError, match="no table 'port-0'"):
+        offered.table({"id": "port-0"})
+
+
 def test_an_imu_may_be_asked_what_it_sends_without_a_preset(offered: Choice):
     assert offered.imu({"id": "port-0"}, preset_needed=False) == "serial:/dev/ttyUSB0?baud=115200"
     assert offered.imu({"address": "tcp://h:1"}, preset_needed=False) == "tcp://h:1"
