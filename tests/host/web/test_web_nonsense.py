@@ -28,6 +28,9 @@ from tests.host.web.pages import SIMULATED, Served
         "/history/../../etc/passwd",
         "/history/1%2f..",
         "/history/-1",
+        "/history/99999999999999999999",
+        "/history/" + "9" * 5000,
+        "/history/%C2%B2",
     ],
 )
 def test_no_name_of_a_request_is_a_path(served: Served, tmp_path: Path, path: str):
