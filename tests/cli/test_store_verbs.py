@@ -181,6 +181,18 @@ def test_two_calibrations_are_compared_by_number_and_by_file(program: Program, t
     assert "all together: χ² = " in out
 
 
+def test_a_history_counts_its_calibrations_and_says_what_is_tested_together(
+    program: Program, tmp_path: Path
+):
+    first, second = ten(tmp_path)[:2]
+    program("store", "import", first)
+    assert f"{NAME}: 1 calibration, 20" in program("store", "history", NAME).out
+    program("store", "import", second)
+    out = program("store", "history", NAME, "ax.k0").out
+    assert f"{NAME}: 2 calibrations, 20" in out
+    assert "all 24 coefficients together: χ² = " in " ".join(out.split())
+
+
 def test_files_are_compared_without_a_register(
     program: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

@@ -12,9 +12,11 @@ from tests.host.benches import plan
 from tests.store.generator import DRIFTING, content, write
 
 from inercal.errors import InputError
+from inercal.host import entering
 from inercal.host.entering import Keeper, enter
 from inercal.host.folder import Folder, begin
 from inercal.host.journal import Journal
+from inercal.host.web.runs import Runs
 from inercal.store import Register
 
 ADDRESSES = (
@@ -113,6 +115,27 @@ def test_raw_data_that_changed_since_is_refused_by_name(
     with pytest.raises(InputError, match=rf"{name}: changed since the run left it"):
         enter(register, folder.path)
     assert register.runs() == register.sensors() == ()
+
+
+def test_a_run_that_is_there_as_done_is_not_read_again(
+    register: Register, begun: tuple[Folder, Journal], monkeypatch: pytest.MonkeyPatch
+):
+    folder, journal = begun
+    runs = Runs(folder.path.parent)
+    read: list[Path] = []
+    monkeypatch.setattr(entering, "digest", lambda path: read.append(path) or digest(path))
+    journal.end("interrupted")
+    address = str(folder.path.parent / "register.db")
+    for _ in range(2):  # it may go on
+        assert runs.enter(address) == []
+    assert len(read) == 4
+    finished(folder, journal)
+    for _ in range(3):
+        assert runs.enter(address) == []
+    assert [one.state for one in register.runs()] == ["done"]
+    assert len(read) == 7
+    assert register.numbers() == register.numbers(register.runs()[0].id) == (1,)
+    assert register.numbers(7) == ()
 
 
 def test_a_damaged_calibration_leaves_the_run_out(

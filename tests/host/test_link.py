@@ -2,6 +2,7 @@
 
 import os
 import pty
+import re
 import socket
 import termios
 import tty
@@ -51,6 +52,12 @@ def test_nobody_there_is_one_line_with_the_address():
         address = _address(taken)
     with pytest.raises(LinkLost, match=f"{address}: cannot connect: Connection refused"):
         open_link(address)
+
+
+@pytest.mark.parametrize("host", ["a..b", "h" * 70])
+def test_a_name_that_no_host_can_have_is_one_line_with_the_address(host: str):
+    with pytest.raises(LinkLost, match=rf"^tcp://{re.escape(host)}:1: cannot connect: .+$"):
+        open_link(f"tcp://{host}:1")
 
 
 def test_a_pseudo_terminal_is_a_serial_port(terminal: tuple[int, str]):

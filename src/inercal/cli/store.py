@@ -184,7 +184,7 @@ def _entered(opened: "Register", path: Path, measured: str | None) -> dict[str, 
     """Enter one path; return what it was."""
     from inercal.errors import InputError
 
-    before = {entry.id for entry in opened.calibrations()}
+    before = set(opened.numbers())
     if not path.is_dir():
         numbers = (opened.enter_calibration(path, measured),)
         return _said(path, None, numbers, before)
@@ -193,8 +193,7 @@ def _entered(opened: "Register", path: Path, measured: str | None) -> dict[str, 
 
     if (path / JOURNAL).exists():
         number = enter(opened, path)
-        numbers = tuple(entry.id for entry in opened.calibrations() if entry.run == number)
-        return _said(path, number, numbers, before)
+        return _said(path, number, opened.numbers(number), before)
     files = sorted(path.glob("*.calibration.json"))
     if not files:
         raise InputError(

@@ -92,7 +92,9 @@ def print_calibration(entry: CalibrationEntry, run: RunEntry | None) -> None:
 def print_history(history: History, *, whole: bool) -> None:
     """Print a history: every calibration of each coefficient where `whole`, else one row each."""
     first, last = (_date(history.entries[k].measured) for k in (0, -1))
-    _say(f"{history.sensor.name}: {len(history.entries)} calibrations, {first} to {last}")
+    count = len(history.entries)
+    times = f"calibrations, {first} to {last}" if count > 1 else f"calibration, {first}"
+    _say(f"{history.sensor.name}: {count} {times}")
     if whole:
         for course in history.courses:
             _print_course(history, course)

@@ -115,6 +115,8 @@ class SimulatedClock:
             self._socket = socket.create_connection((host, port), _ANSWER)
         except OSError as error:
             raise LinkLost(f"{address}: cannot connect: {error.strerror or error}") from error
+        except UnicodeError as error:
+            raise LinkLost(f"{address}: cannot connect: no name of a host") from error
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         # The system's own time limit: with that of Python each call asks twice.
         self._socket.settimeout(None)

@@ -76,6 +76,8 @@ class TcpLink(_Closing):
             self._socket = socket.create_connection((host, port), _OPENING)
         except OSError as error:
             raise LinkLost(f"{self.address}: cannot connect: {_reason(error)}") from error
+        except UnicodeError as error:  # what Python says of "a..b", a name that none can have
+            raise LinkLost(f"{self.address}: cannot connect: no name of a host") from error
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def read(self, most: int, timeout: float) -> bytes:

@@ -58,9 +58,20 @@ def write_history(history: "History", path: str | Path) -> Path:
     InputError
         matplotlib or jinja2 is missing, or the file cannot be written.
     """
+    return _write(path, history_page(history))
+
+
+def history_page(history: "History") -> str:
+    """Return the page of a sensor's history, HTML.
+
+    Raises
+    ------
+    InputError
+        matplotlib or jinja2 is missing.
+    """
     with _extras():
         from inercal.report.over_time import page
-    return _write(path, page(history))
+    return page(history)
 
 
 def write_budget(budget: Budget, path: str | Path, under: str = "") -> Path:
@@ -122,4 +133,10 @@ def _write(path: str | Path, text: str) -> Path:
     return Path(path)
 
 
-__all__ = ["write_budget", "write_history", "write_report", "write_worksheet"]
+__all__ = [
+    "history_page",
+    "write_budget",
+    "write_history",
+    "write_report",
+    "write_worksheet",
+]

@@ -10,7 +10,8 @@ here of the later beyond the earlier::
 
     χ² = dᵀ (C₁ + C₂)⁺ d,   d = x₂ − x₁
 
-with as many degrees of freedom as C₁ + C₂ has rank.
+with as many degrees of freedom as C₁ + C₂ has rank; a difference along directions that C₁ + C₂ does
+not span is left out of χ².
 
 Through a history, at times t, the straight line of least weighted squares about the weighted mean
 time t̄, w = 1/u² (GUM H.3, with weights)::

@@ -15,7 +15,14 @@ from inercal.errors import InputError
 from inercal.store.address import Address
 
 _WAIT = 30  # s
-_CONNECT = 10  # s
+# A server that is gone without a word is noticed within half a minute, not after hours.
+_ALIVE = {
+    "connect_timeout": 10,  # s
+    "keepalives_idle": 10,  # s
+    "keepalives_interval": 5,  # s
+    "keepalives_count": 3,
+    "tcp_user_timeout": 30_000,  # ms
+}
 _LOCK = 0x696E6572  # "iner": of PostgreSQL's advisory locks the one that writing takes
 _WORDS = {  # of what SQLite says
     "unable to open database file": "cannot be opened: is its folder there, and can it be written?",
@@ -29,9 +36,8 @@ _WORDS = {  # of what SQLite says
 def engine_of(address: Address) -> Engine:
     """Return what makes connections; none is kept between two transactions."""
     if address.file is None:
-        options: dict[str, Any] = {}
-        if "connect_timeout" not in address.url.query:
-            options["connect_timeout"] = _CONNECT
+        query = address.url.query
+        options = {name: value for name, value in _ALIVE.items() if name not in query}
         engine = create_engine(address.url, poolclass=NullPool, connect_args=options)
     else:
         engine = create_engine(address.url, poolclass=NullPool, connect_args={"timeout": _WAIT})

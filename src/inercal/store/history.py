@@ -88,8 +88,7 @@ class History:
         the first, and of one that has no coefficient in common with it.
     left_out : tuple of str
         In words: calibrations of a recording that has a later one, or that cannot be compared;
-        coefficients that are not in the newest or
-        that no data stand behind.
+        coefficients that are not in the newest or that no data stand behind.
     """
 
     sensor: SensorEntry
@@ -114,6 +113,8 @@ class History:
 
     def chosen(self, words: Sequence[str]) -> "History":
         """Return the history of coefficients chosen by name, group or axis; of none, all.
+
+        The joint tests stay those of all coefficients together.
 
         Raises
         ------

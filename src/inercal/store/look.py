@@ -58,7 +58,7 @@ def sensor_of(db: Connection, key: int | str) -> SensorEntry:
 
 
 def runs(db: Connection, *where: ColumnElement[bool]) -> tuple[RunEntry, ...]:
-    """Return the runs, the first first."""
+    """Return the runs, the first first; `where` is of the table of runs."""
     query = (
         select(run, sensor.c.name.label("sensor"), bench.c.kind, bench.c.name.label("bench"))
         .join(sensor, sensor.c.id == run.c.sensor_id)
@@ -68,13 +68,15 @@ def runs(db: Connection, *where: ColumnElement[bool]) -> tuple[RunEntry, ...]:
     )
     found = db.execute(query).all()
     files: dict[int, list[FileEntry]] = {row.id: [] for row in found}
-    for row in db.execute(select(file).order_by(file.c.name)):
-        if row.run_id in files:
+    theirs = select(file).join(run, run.c.id == file.c.run_id).where(*where)
+    for row in db.execute(theirs):
+        if row.run_id in files:  # one may have been entered since
             files[row.run_id].append(FileEntry(row.name, row.size, row.sha256))
     return tuple(
         RunEntry(
             row.id, row.key, row.sensor, row.kind, row.bench, row.begun, row.state,
-            row.table_address, row.imu_address, row.folder, tuple(files[row.id]),
+            row.table_address, row.imu_address, row.folder,
+            tuple(sorted(files[row.id], key=lambda one: one.name)),
             row.entered_by, row.entered_at,
         )
         for row in found
@@ -96,6 +98,12 @@ def calibrations(db: Connection, *where: ColumnElement[bool]) -> tuple[Calibrati
         .order_by(calibration.c.measured, calibration.c.id)
     )
     return tuple(map(_calibration, db.execute(query)))
+
+
+def numbers(db: Connection, *where: ColumnElement[bool]) -> tuple[int, ...]:
+    """Return the ids of calibrations in the order in which they were measured."""
+    query = select(calibration.c.id).where(*where)
+    return tuple(db.scalars(query.order_by(calibration.c.measured, calibration.c.id)))
 
 
 def _calibration(row: Row[Any]) -> CalibrationEntry:

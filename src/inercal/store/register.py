@@ -81,6 +81,13 @@ class Register:
             one = look.sensor_of(db, sensor)
             return look.calibrations(db, calibration.c.sensor_id == one.id)
 
+    def numbers(self, of_run: int | None = None) -> tuple[int, ...]:
+        """Return the numbers of all calibrations, or of those of one run, as they were measured."""
+        with reading(self._engine, self._address) as db:
+            if of_run is None:
+                return look.numbers(db)
+            return look.numbers(db, calibration.c.run_id == of_run)
+
     def calibration(self, number: int) -> CalibrationEntry:
         """Return one calibration.
 
@@ -96,12 +103,6 @@ class Register:
         """Return name, value, standard uncertainty (k = 1) and SI unit of a calibration's."""
         with reading(self._engine, self._address) as db:
             return look.coefficients(db, number)
-
-    def holds(self, sha256: str) -> int | None:
-        """Return the number of the calibration with that hash; None where there is none."""
-        with reading(self._engine, self._address) as db:
-            found = look.calibrations(db, calibration.c.sha256 == sha256)
-            return found[0].id if found else None
 
     def history(self, sensor: int | str) -> History:
         """Return all calibrations of a sensor, coefficient by coefficient.

@@ -60,7 +60,10 @@ def of_history(history: History) -> list[str]:
     if history.steps:
         lines.append(_beyond(history.beyond, history.steps, history.by_chance))
     if (test := history.joint[-1]) is not None:
-        lines.append(f"the newest calibration against the one before, all together: {joint(test)}")
+        lines.append(
+            f"the newest calibration against the one before, all {test.size} coefficients "
+            f"together: {joint(test)}"
+        )
     if any(one.line is not None for one in history.courses):
         lines.append("where nothing changes about one coefficient in 13 is not called steady")
     if history.steps:

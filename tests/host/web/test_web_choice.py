@@ -1,5 +1,6 @@
 """Which devices a request may choose, and what of a run file is taken over into a run."""
 
+import logging
 import os
 import tomllib
 from importlib.resources import files
@@ -14,7 +15,8 @@ from inercal.host.web.access import Access, is_loopback
 from inercal.host.web.choice import Choice, Chosen
 from inercal.host.web.order import Order, Simulated, inhabited, note, noted, renamed
 from inercal.host.web.plans import Plans
-from inercal.host.web.refused import Refused
+from inercal.host.web.refused import Handler, Refused
+from inercal.host.web.server import hosts
 
 SIMULATED = {"id": "simulated"}
 IMU = {"address": "tcp://10.0.0.6:4000?preset=fixed"}
@@ -102,6 +104,18 @@ def test_nothing_else_may_be_chosen(offered: Choice, table: object, imu: object,
         offered.chosen(table, imu)
 
 
+def test_a_port_keeps_its_number_when_another_vanishes(
+    offered: Choice, monkeypatch: pytest.MonkeyPatch
+):
+    left = (devices.Port("serial:/dev/ttyS0", ""), devices.Port("serial:/dev/ttyUSB1", ""))
+    monkeypatch.setattr(choice, "ports", lambda: left)
+    offered.look()
+    assert [one["id"] for one in offered.imus()] == ["simulated", "given", "port-1", "port-2"]
+    assert offered.table({"id": "port-1"}) == "motor:serial:/dev/ttyS0?baud=9600"
+    with pytest.raises(InputError, match="no table 'port-0'"):
+        offered.table({"id": "port-0"})
+
+
 def test_an_imu_may_be_asked_what_it_sends_without_a_preset(offered: Choice):
     assert offered.imu({"id": "port-0"}, preset_needed=False) == "serial:/dev/ttyUSB0?baud=115200"
     assert offered.imu({"address": "tcp://h:1"}, preset_needed=False) == "tcp://h:1"
@@ -169,8 +183,24 @@ def test_refusals_are_said_now_and_then_with_how_many_there_were():
     assert lines[-2:] == ["inercal: refused: 80 more, unsaid", "inercal: refused: 1.2.3.4: later"]
 
 
+def test_what_fails_in_the_web_server_is_one_line():
+    lines: list[str] = []
+    logger = logging.Logger("server")
+    logger.addHandler(Handler(Refused(lines.append)))
+    for _ in range(100):
+        try:
+            int("one\ntwo")
+        except ValueError:
+            logger.exception("Exception in ASGI application\n")
+    assert len(lines) == 20
+    assert "web server: Exception in ASGI application: ValueError (test_web_choice.py:" in lines[0]
+    assert "\n" not in "".join(lines)
+
+
 def test_hosts_of_this_machine_alone_need_no_token():
     assert all(is_loopback(host) for host in ("127.0.0.1", "localhost", "::1", "127.9.9.9"))
     assert not any(is_loopback(host) for host in ("0.0.0.0", "::", "10.0.0.1", "lab", ""))
+    assert hosts(["::1", "Lab"], 8765) == {"[::1]:8765", "lab:8765"}
+    assert hosts(["lab"], 80) == {"lab:80", "lab"}
     with pytest.raises(InputError, match="12 or more"):
         Access(frozenset(), "secret")

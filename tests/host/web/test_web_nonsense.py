@@ -1,11 +1,16 @@
 """Names, messages and requests that mean nothing, or mean harm."""
 
 import socket
+import sys
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 
 import pytest
 from tests.host.web.pages import SIMULATED, Served
+from tests.store.generator import ten
+
+from inercal.store import Register
 
 
 @pytest.mark.parametrize(
@@ -28,6 +33,9 @@ from tests.host.web.pages import SIMULATED, Served
         "/history/../../etc/passwd",
         "/history/1%2f..",
         "/history/-1",
+        "/history/99999999999999999999",
+        "/history/" + "9" * 5000,
+        "/history/%C2%B2",
     ],
 )
 def test_no_name_of_a_request_is_a_path(served: Served, tmp_path: Path, path: str):
@@ -36,6 +44,24 @@ def test_no_name_of_a_request_is_a_path(served: Served, tmp_path: Path, path: st
     assert answer.status == 404
     assert b"secret" not in answer.body
     assert b"import" not in answer.body
+
+
+def test_histories_are_pages_and_without_what_draws_them_one_line(
+    served: Served, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    with Register(served.register) as register:
+        register.enter_calibrations(ten(tmp_path)[:3])
+    with ThreadPoolExecutor(4) as pool:  # figures are drawn one at a time
+        pages = list(pool.map(served.ask, ["/history/1"] * 4))
+    assert [page.status for page in pages] == [200] * 4
+    assert all(b"<svg" in page.body for page in pages)
+    assert b"no sensor 2" in served.ask("/history/2").body
+    for name in [name for name in sys.modules if name.startswith("inercal.report.")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    answer = served.ask("/history/1")
+    assert answer.body == b"reports need matplotlib and jinja2: pip install 'inercal[report]'\n"
+    assert answer.status == 404
 
 
 @pytest.mark.parametrize("name", ["../demo", "/etc/passwd", "..", "", None, 3, ["demo"], {}])

@@ -68,7 +68,7 @@ class Page:
             Route("/api/setup", self.setup),
             Route("/api/probe", self.probe, methods=["POST"]),
             Route("/runs/{name}/{what}", self.made),
-            Route("/history/{sensor:int}", self.history),
+            Route("/history/{sensor}", self.history),
             WebSocketRoute("/live", self.live),
         ]
 
@@ -130,8 +130,14 @@ class Page:
 
     async def history(self, request: Request) -> Response:
         """Return the history of a sensor."""
+        named: str = request.path_params["sensor"]
+        # No register has a number of more digits, and not every database takes one.
+        if not (named.isascii() and named.isdigit() and len(named) < 10):
+            return await self.unknown(request)
         try:
-            content = await asyncio.to_thread(self._history, request.path_params["sensor"])
+            # One at a time: figures are drawn with settings of the whole process.
+            async with self._looking:
+                content = await asyncio.to_thread(self._history, int(named))
         except InercalError as error:
             return PlainTextResponse(f"{error}\n", 404)
         return HTMLResponse(content, headers={"content-security-policy": _ALONE})
@@ -215,11 +221,11 @@ class Page:
         }
 
     def _history(self, sensor: int) -> str:
-        from inercal.report.over_time import page
+        from inercal.report import history_page
         from inercal.store import Register
 
         with Register(self._register) as register:
-            return page(register.history(sensor))
+            return history_page(register.history(sensor))
 
 
 def application(hub: Hub, register: str | None, access: Access, refused: Refused) -> Gate:

@@ -44,13 +44,20 @@ class Choice:
     def __init__(self, table: str = "", imu: str = "", clock: str = ""):
         self._table, self._imu, self._clock = table, imu, clock
         self._ports: dict[str, Port] = {}
+        self._numbers: dict[str, str] = {}
 
     def look(self) -> None:
-        """Look which ports there are."""
+        """Look which ports there are.
+
+        A port keeps its number: who chose from an older list means the port that it named.
+        """
         try:
-            self._ports = {f"port-{i}": port for i, port in enumerate(ports())}
+            found = list(ports())
         except InputError:  # pyserial is not installed: there are none
-            self._ports = {}
+            found = []
+        for port in found:
+            self._numbers.setdefault(port.address, f"port-{len(self._numbers)}")
+        self._ports = {self._numbers[port.address]: port for port in found}
 
     def tables(self) -> list[dict[str, str]]:
         """Return the tables: `id` and `what`, in words."""

@@ -1,6 +1,7 @@
 """How a run ends: what is made of it, the register, and what the page is told."""
 
 from typing import Any
+from urllib.parse import quote
 
 from inercal.errors import InercalError
 from inercal.host.entering import Keeper
@@ -58,7 +59,8 @@ class Ending:
             self._journal.event("alarm", str(error))
             return told(self._order, "carried out", str(error), history=self._entered())
         judgement = judge(outcome)
-        links = {what: f"/runs/{self._order.name}/{what}" for what in ("report", "calibration")}
+        name = quote(self._order.name, safe="")
+        links = {what: f"/runs/{name}/{what}" for what in ("report", "calibration")}
         verdict = {"level": judgement.tone, "words": judgement.word}
         words = " ".join(judgement.lines[:1])
         history = self._entered()

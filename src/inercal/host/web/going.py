@@ -71,5 +71,5 @@ class Going:
         assert self._process.stdin
         with suppress(OSError):
             self._process.stdin.close()
-        # A thread of its own: the process of a run that is stopped may take its time.
+        # In a thread: the process of a run that is stopped may take its time.
         return await asyncio.to_thread(self._process.wait)

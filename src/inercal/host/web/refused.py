@@ -2,8 +2,10 @@
 
 import logging
 import sys
+import traceback
 from collections.abc import Callable
 from contextlib import suppress
+from pathlib import Path
 from time import monotonic
 
 _BURST, _A_SECOND = 20.0, 2.0  # lines
@@ -54,7 +56,7 @@ class Refused:
 
 
 class Handler(logging.Handler):
-    """Says what the web server refuses by itself; a failure of ours it shows whole."""
+    """Says what the web server refuses by itself, and what fails in it: a line each."""
 
     def __init__(self, refused: Refused):
         super().__init__(logging.WARNING)
@@ -62,10 +64,14 @@ class Handler(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Say one record."""
-        if record.exc_info and record.levelno >= logging.ERROR and "ASGI" in record.getMessage():
-            _to_standard_error(logging.Formatter().format(record))
-        else:
-            self._refused("web server", record.getMessage())
+        words = record.getMessage().strip()
+        error = record.exc_info[1] if record.exc_info else None
+        if error is not None:
+            # No whole traceback: who asks could fill the disk of a log with them.
+            frames = traceback.extract_tb(error.__traceback__)
+            where = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""
+            words = f"{words}: {type(error).__name__}{where}: {error}"
+        self._refused("web server", words)
 
 
 def _to_standard_error(line: str) -> None:

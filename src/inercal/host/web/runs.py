@@ -62,6 +62,9 @@ class Runs:
     def enter(self, register: str | None) -> list[str]:
         """Put all runs that nobody drives into the register; return in words what fails.
 
+        One that is there as done is left alone: it has ended, and its raw data, which may be many
+        gigabytes, were proved when it was entered.
+
         Raises
         ------
         InercalError
@@ -71,8 +74,10 @@ class Runs:
 
         troubles: list[str] = []
         with Register(register) as opened:
+            done = {(run.folder, run.begun) for run in opened.runs() if run.state == "done"}
             for name, one in self.all().items():
-                if one.state == "running":
+                known = (str(one.path.resolve()), one.shown["begun"]) in done
+                if one.state == "running" or known:
                     continue
                 try:
                     enter(opened, one.path)

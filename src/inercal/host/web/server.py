@@ -9,9 +9,11 @@ import logging
 import secrets
 import socket
 import sys
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
+from urllib.parse import quote
 
 import uvicorn
 
@@ -117,7 +119,7 @@ def serve(options: Options) -> None:
         if token is None and not is_loopback(options.host):
             token = secrets.token_urlsafe(24)
         names = {options.host, "localhost", "127.0.0.1", "[::1]"} if token is None else set[str]()
-        access = Access(frozenset(f"{_bracketed(name)}:{port}".lower() for name in names), token)
+        access = Access(hosts(names, port), token)
         choice = Choice(options.table, options.imu, options.clock)
         hub = Hub(Plans(options.plans), runs, choice, options.register, options.speed)
         server = made(hub, options.register, access, refused)
@@ -126,7 +128,7 @@ def serve(options: Options) -> None:
             "a stop on this page is done by programs and is no safety function: that is the "
             "hardware interlock"
         )
-        query = "" if token is None else f"?token={token}"
+        query = "" if token is None else f"?token={quote(token, safe='')}"
         print(f"the page is at http://{host}:{port}/{query}", flush=True)
         asyncio.run(server.serve(sockets=[opened]))
 
@@ -169,6 +171,13 @@ def listening(host: str, port: int) -> socket.socket:
     except (OSError, OverflowError) as error:
         words = getattr(error, "strerror", None) or str(error)
         raise InputError(f"--host {host} --port {port}: {words}; another --port?") from None
+
+
+def hosts(names: Iterable[str], port: int) -> frozenset[str]:
+    """Return what a browser may call this server by, as it says it in Host."""
+    bare = {_bracketed(name).lower() for name in names}
+    own = {f"{name}:{port}" for name in bare}
+    return frozenset(own | bare if port == 80 else own)  # that of http is left out
 
 
 def say(words: str) -> None:

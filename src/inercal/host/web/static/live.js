@@ -14,7 +14,6 @@ const DEAD = 12; // s: the connection is given up
 export const seen = {
   link: "connecting", // "live", "silent" or "lost"
   since: 0, // ms of performance.now(): when there was news of the run
-  you: null,
   version: "",
   people: { viewers: 0, operator: null, yours: false },
   idle: false,
@@ -92,7 +91,6 @@ function heard(text) {
 function keep(message) {
   switch (message.kind) {
     case "hello":
-      seen.you = message.you;
       seen.version = message.version;
       break;
     case "people":

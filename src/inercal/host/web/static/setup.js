@@ -2,7 +2,6 @@
 
 import { allow, allowed, byId, make, put } from "./dom.js";
 import { lasting } from "./format.js";
-import { seen } from "./live.js";
 import { notice, order } from "./notice.js";
 
 const TYPED = "typed";
@@ -125,7 +124,7 @@ export function makeSetup(people) {
 
   async function ask() {
     answers.replaceChildren(make("p", {}, "Asking the devices …"));
-    const body = JSON.stringify({ plan: planId(), you: seen.you, ...devices() });
+    const body = JSON.stringify({ plan: planId(), ...devices() });
     const headers = { "Content-Type": "application/json" };
     const answer = await fetch("/api/probe", { method: "POST", headers, body }).catch(() => null);
     const said = await answer?.json().catch(() => null);
