@@ -1,13 +1,19 @@
 """Several look on, one operates, anyone may stop; who comes late sees what there was."""
 
 import json
+import os
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from tests.host.web.pages import Page, Served
 
-from inercal.host.web import people
+from inercal.host.folder import JOURNAL, LOG
+from inercal.host.journal import Journal
+from inercal.host.log import Log
+from inercal.host.web import hub, people
+from inercal.host.web.order import NOTE, note
 
 
 @pytest.fixture
@@ -72,6 +78,51 @@ def test_any_viewer_may_stop_the_run(served: Served, ada: Page):
         other.say("stop")
         assert other.until("done")["words"] == "stopped by the operator"
     ada.until("done", state="interrupted")
+
+
+def begun_elsewhere(served: Served, name: str = "other") -> Path:
+    """Return the folder of a run that this server knows nothing of."""
+    folder = served.runs.folder / name
+    folder.mkdir()
+    Journal.begin(folder / JOURNAL, "demo.toml", ("table", "imu", ""), 0.02, 3).close()
+    return folder
+
+
+@pytest.fixture
+def signalled(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, int]]:
+    """Return which process is sent what, instead of sending it."""
+    sent: list[tuple[int, int]] = []
+    monkeypatch.setattr(hub, "kill", lambda process, what: sent.append((process, what)))
+    return sent
+
+
+@pytest.mark.parametrize("asked", [{}, {"run": "other"}])
+def test_a_stop_reaches_a_run_that_another_server_started(
+    served: Served, signalled: list[tuple[int, int]], asked: dict[str, str]
+):
+    noted = note(begun_elsewhere(served), None)
+    with served.page() as page:
+        page.say("stop", **asked)
+        served.wait(lambda: signalled)
+        assert signalled == [(os.getpid(), signal.SIGINT)]
+        page.say("stop", run="another")
+        assert page.until("refused")["words"] == "no run goes on"
+    os.close(noted)
+
+
+def test_a_stop_of_a_terminals_run_is_refused_and_hits_no_process_of_an_old_note(
+    served: Served, signalled: list[tuple[int, int]]
+):
+    folder = begun_elsewhere(served)
+    os.close(note(folder, None))
+    with served.page() as page:
+        page.say("stop")
+        assert page.until("refused")["words"] == "no run goes on"
+        with Log(folder / LOG):
+            page.say("stop")
+            assert page.until("refused")["words"].startswith("a terminal drives it")
+    assert (folder / NOTE).exists()
+    assert signalled == []
 
 
 def test_commands_of_the_operator_reach_the_run(served: Served, ada: Page):
@@ -147,6 +198,7 @@ def test_to_end_the_server_is_to_stop_the_run(tmp_path: Path):
 def test_a_page_that_takes_nothing_misses_pictures_and_no_event(served: Served, ada: Page):
     ada.start()
     with served.page(slow=True) as slow:
+        served.wait(lambda: 2 in served.hub.people.viewers)
         viewer = served.hub.people.viewers[2]
         big = json.dumps({"kind": "samples", "y": "x" * 100_000})
 

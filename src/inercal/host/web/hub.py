@@ -2,20 +2,20 @@
 
 import asyncio
 import json
-import os
 import signal
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from datetime import datetime
+from os import kill
 from pathlib import Path
 from zlib import crc32
 
 from inercal.errors import InputError
+from inercal.host.log import driven
 from inercal.host.web.asked import Asked
 from inercal.host.web.choice import Choice, Chosen
 from inercal.host.web.going import Going
 from inercal.host.web.kept import Kept
-from inercal.host.web.order import Order, inhabited, noted
+from inercal.host.web.order import NOTE, Order, noted
 from inercal.host.web.people import People, Viewer
 from inercal.host.web.plans import Plans
 from inercal.host.web.runs import Runs, RunThere
@@ -123,17 +123,18 @@ class Hub:
         Raises
         ------
         InputError
-            No run goes on.
+            No run goes on, or one does that this server cannot reach.
         """
         if self.going is not None and name in (None, self.going.order.name):
             self.going.stop()
             return
-        run = self.runs.all().get(name) if isinstance(name, str) else None
-        was = noted(run.path) if run is not None else None
-        if run is None or was is None or not inhabited(run.path):
+        runs = self.runs.all().items()
+        there = [one for key, one in runs if one.state == "running" and name in (None, key)]
+        if not there:
             raise InputError("no run goes on")
-        with suppress(ProcessLookupError):
-            os.kill(was.process, signal.SIGINT)
+        reached = [_interrupted(one.path) for one in there]
+        if not all(reached):
+            raise InputError("a terminal drives it: stop it there, or by the emergency stop")
 
     async def over(self, patience: float | None = None) -> None:
         """Return when no run goes on any more, or after `patience` s."""
@@ -236,6 +237,21 @@ class Hub:
             operator = people.operator
             text = _text("people", viewers=count, operator=operator, yours=yours)
             viewer.send("people", text)
+
+
+def _interrupted(folder: Path) -> bool:
+    """Have the process of a page's run in a folder stop it; False where there is none."""
+    # A note that nobody has locked is an old one, its process another's by now.
+    was = noted(folder) if driven(folder / NOTE) else None
+    if was is None:
+        return False
+    try:
+        kill(was.process, signal.SIGINT)
+    except ProcessLookupError:
+        pass  # it has ended meanwhile
+    except PermissionError:
+        return False
+    return True
 
 
 def _free(runs: Path, stem: str) -> Path:

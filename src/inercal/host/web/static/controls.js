@@ -29,6 +29,9 @@ export function makeControls() {
     if (!say({ do: "stop" })) {
       return notice("STOP was NOT sent, there is no connection: use the emergency stop.");
     }
+    if (seen.link === "silent") {
+      return notice("STOP was sent, but there is no news from the bench: use the emergency stop.");
+    }
     notice(going() ? "STOP was sent." : "STOP was sent; no run is known to go on.");
   }
 
