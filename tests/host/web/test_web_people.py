@@ -1,18 +1,20 @@
 """Several look on, one operates, anyone may stop; who comes late sees what there was."""
 
+import asyncio
 import json
 import os
 import signal
 from collections.abc import Iterator
 from pathlib import Path
+from threading import Event, Thread
 
 import pytest
-from tests.host.web.pages import Page, Served
+from tests.host.web.pages import PATIENCE, SIMULATED, Page, Served
 
 from inercal.host.folder import JOURNAL, LOG
 from inercal.host.journal import Journal
 from inercal.host.log import Log
-from inercal.host.web import hub, people
+from inercal.host.web import app, hub, people
 from inercal.host.web.order import NOTE, note
 
 
@@ -58,6 +60,41 @@ def test_an_operator_who_was_gone_for_a_moment_operates_again(served: Served):
         assert "may be back" in other.until("refused")["words"]
         with served.page(cookies=cookies) as page:
             page.until("people", operator="Ada", yours=True)
+
+
+def test_an_operators_browser_has_its_place_back_while_its_old_connection_seems_open(
+    served: Served,
+):
+    cookies = {"inercal-viewer": "of-this-browser"}
+    with served.page(cookies=cookies) as page, served.page(cookies=cookies) as again:
+        page.operate("Ada")
+        again.operate("Ada")
+        page.until("people", operator="Ada", yours=False)
+
+
+def test_only_an_operator_who_leaves_is_news(served: Served, ada: Page):
+    with served.page() as other:
+        other.until("people", viewers=2)
+        other.say("leave")
+        other.say("pause")
+        other.until("refused")
+        assert [one["kind"] for one in other.heard].count("people") == 1
+        ada.say("leave")
+        other.until("people", operator=None)
+
+
+def test_of_people_a_slow_viewer_is_told_the_latest():
+    viewer = people.Viewer(1, None)
+    for k in range(100):
+        viewer.send("people", f"people {k}")
+    viewer.send("event", "event")
+
+    async def told() -> list[str]:
+        first = [await viewer.next(), await viewer.next()]
+        viewer.send("people", "people again")
+        return [*first, await viewer.next()]
+
+    assert asyncio.run(told()) == ["people 99", "event", "people again"]
 
 
 def test_an_operator_who_stays_away_is_followed_by_another(
@@ -246,3 +283,47 @@ def test_only_the_operators_browser_may_ask_the_devices(served: Served):
         assert served.ask("/api/probe", "POST", body.encode(), other).status == 403
         page.start()
         assert served.ask("/api/probe", "POST", body.encode(), cookies).status == 409
+
+
+PROBE = json.dumps({"plan": "demo", **SIMULATED}).encode()
+MINE = {"Cookie": "inercal-viewer=mine"}
+
+
+@pytest.fixture
+def mine(served: Served) -> Iterator[Page]:
+    with served.page(cookies={"inercal-viewer": "mine"}) as page:
+        page.operate()
+        yield page
+
+
+@pytest.mark.usefixtures("mine")
+def test_the_devices_of_a_run_without_this_page_are_not_asked(served: Served):
+    with Log(begun_elsewhere(served) / LOG):
+        said = served.ask("/api/probe", "POST", PROBE, MINE)
+        assert said.status == 409
+        assert said.json["words"].startswith("the run other goes on, without this page")
+    assert served.ask("/api/probe", "POST", PROBE, MINE).status == 200
+
+
+def test_no_run_begins_while_the_devices_are_asked(
+    served: Served, mine: Page, monkeypatch: pytest.MonkeyPatch
+):
+    asked, answer = Event(), Event()
+
+    def probe(*_: object) -> dict[str, str]:
+        asked.set()
+        assert answer.wait(PATIENCE)
+        return {}
+
+    monkeypatch.setattr(app, "probe", probe)
+    asking = Thread(target=served.ask, args=("/api/probe", "POST", PROBE, MINE))
+    asking.start()
+    try:
+        assert asked.wait(PATIENCE)
+        mine.say("start", plan="demo", sensor=None, **SIMULATED)
+        assert "the devices are being asked" in mine.until("refused")["words"]
+        assert served.ask("/api/probe", "POST", PROBE, MINE).status == 409
+    finally:
+        answer.set()
+        asking.join(PATIENCE)
+    mine.start()

@@ -58,7 +58,7 @@ class Page:
         self._hub, self._register, self._refused = hub, register, refused
         self._version = version("inercal")
         self._files = dict(_static(files("inercal.host.web").joinpath("static")))
-        self._looking, self._probing = asyncio.Lock(), asyncio.Lock()
+        self._looking = asyncio.Lock()
 
     def routes(self) -> list[Route | WebSocketRoute]:
         """Return what is served."""
@@ -103,9 +103,13 @@ class Page:
         except ValueError:
             self._refused(who, "probe: no JSON object")
             return JSONResponse({"words": "send a JSON object"}, 400)
-        if self._hub.going is not None or self._probing.locked():
-            return JSONResponse({"words": "the devices are in use"}, 409)
-        async with self._probing:
+        if self._hub.probing.locked():
+            return JSONResponse({"words": "the devices are being asked"}, 409)
+        async with self._hub.probing:
+            try:
+                await self._hub.none_goes_on()
+            except InercalError as error:
+                return JSONResponse({"words": str(error)}, 409)
             plans = await asyncio.to_thread(self._hub.plans.all)
             name = asked.get("plan")
             plan = plans.get(name) if isinstance(name, str) else None

@@ -41,6 +41,11 @@ class Hub:
         Most seconds of a simulated bench in one of the wall's.
     start : callable, optional
         Makes an order a run that goes on.
+
+    Attributes
+    ----------
+    probing : asyncio.Lock
+        Locked while the devices are asked who they are: no run begins then.
     """
 
     def __init__(
@@ -52,6 +57,7 @@ class Hub:
         speed: float | None = None,
         start: Callable[[Order], Going] = Going,
     ):
+        self.probing = asyncio.Lock()
         self.plans, self.runs, self.choice = plans, runs, choice
         self.people = People()
         self._register, self._speed, self._start = register, speed, start
@@ -101,8 +107,8 @@ class Hub:
                     raise InputError(words)
                 self._tell_people()
             case "leave":
-                self.people.leave_seat(viewer)
-                self._tell_people()
+                if self.people.leave_seat(viewer):
+                    self._tell_people()
             case "stop":
                 self.stop(asked.get("run"))
             case "start":
@@ -136,6 +142,21 @@ class Hub:
         if not all(reached):
             raise InputError("a terminal drives it: stop it there, or by the emergency stop")
 
+    async def none_goes_on(self) -> Mapping[str, RunThere]:
+        """Return the runs there are.
+
+        Raises
+        ------
+        InputError
+            One of them goes on, here or without this page.
+        """
+        runs = await asyncio.to_thread(self.runs.all)
+        if self.going is not None:
+            raise InputError("a run goes on")
+        if name := next((n for n, one in runs.items() if one.state == "running"), None):
+            raise InputError(f"the run {name} goes on, without this page: stop it, or wait")
+        return runs
+
     async def over(self, patience: float | None = None) -> None:
         """Return when no run goes on any more, or after `patience` s."""
         if self._relaying is not None:
@@ -167,14 +188,12 @@ class Hub:
         self._go(self._order(run.path, chosen, asked, None))
 
     async def _require_idle(self) -> Mapping[str, RunThere]:
-        """Return the runs there are, none of which goes on."""
+        """Return the runs there are, none of which goes on, while nobody asks the devices."""
         if self._has_told_its_end:
             await self.over(_ENDING)
-        runs = await asyncio.to_thread(self.runs.all)
-        if self.going is not None:
-            raise InputError("a run goes on")
-        if name := next((n for n, one in runs.items() if one.state == "running"), None):
-            raise InputError(f"the run {name} goes on, without this page: stop it, or wait")
+        runs = await self.none_goes_on()
+        if self.probing.locked():
+            raise InputError("the devices are being asked: start when they have answered")
         return runs
 
     def _order(self, folder: Path, chosen: Chosen, asked: Asked, plan: Path | None) -> Order:

@@ -9,6 +9,7 @@ from inercal.host.web.publish import PICTURES
 MOST = 32  # viewers
 _GONE = 10.0  # s that an operator's place is kept
 _NAME = 40  # characters
+_PEOPLE = ""  # stands in the queue for what is to be told of people
 
 
 class Viewer:
@@ -24,10 +25,16 @@ class Viewer:
     def __init__(self, number: int, browser: str | None):
         self.number, self.browser = number, browser
         self._lanes: Lanes[str] = Lanes()
+        self._people: str | None = None  # what waits of these: only the latest counts
         self._news = asyncio.Event()
 
     def send(self, kind: str, text: str) -> None:
         """Have a message sent; pictures give way to later ones where it cannot be at once."""
+        if kind == "people":
+            waits, self._people = self._people is not None, text
+            if waits:
+                return
+            text = _PEOPLE
         self._lanes.put(text, sure=kind not in PICTURES)
         self._news.set()
 
@@ -36,6 +43,8 @@ class Viewer:
         while (text := self._lanes.take()) is None:
             self._news.clear()
             await self._news.wait()
+        if text == _PEOPLE and self._people is not None:
+            text, self._people = self._people, None
         return text
 
 
@@ -85,7 +94,9 @@ class People:
 
     def take_seat(self, viewer: Viewer, name: object) -> str | None:
         """Let somebody operate; return in words why not."""
-        if self._seat is not None and not self.operates(viewer):
+        # To the operator's browser at once: its last connection may be broken and not known to be.
+        own = self.operates(viewer) or self.is_operators(viewer.browser)
+        if self._seat is not None and not own:
             there = self._seat[1] in self.viewers
             if there or monotonic() - self._gone < _GONE:
                 return f"{self._seat[0]} operates" + ("" if there else ", and may be back")
@@ -95,7 +106,9 @@ class People:
         self._seat = plain, viewer.number, viewer.browser
         return None
 
-    def leave_seat(self, viewer: Viewer) -> None:
-        """Let nobody operate, if that one did."""
-        if self.operates(viewer):
-            self._seat = None
+    def leave_seat(self, viewer: Viewer) -> bool:
+        """Let nobody operate, if that one did; tell whether it did."""
+        if not self.operates(viewer):
+            return False
+        self._seat = None
+        return True

@@ -145,6 +145,9 @@ def made(hub: Hub, register: str | None, access: Access, refused: Refused) -> Se
         ws="websockets-sansio",
         ws_max_size=_MESSAGE,
         ws_per_message_deflate=False,
+        # A viewer whose link broke is known to be gone within 9 s.
+        ws_ping_interval=4,
+        ws_ping_timeout=5,
         lifespan="off",
         log_config=None,
         log_level="warning",
