@@ -16,6 +16,7 @@ from collections.abc import Generator
 from hashlib import sha256
 from pathlib import Path
 from struct import Struct
+from time import monotonic, sleep
 from typing import NamedTuple, Self
 from zlib import crc32
 
@@ -28,6 +29,7 @@ IMU, TABLE, EVENT = 1, 2, 3
 _HEAD = Struct("<2sBId")
 _CHECK = Struct("<I")
 _MAGIC = b"\xa5i"
+_PATIENCE, _AGAIN = 0.5, 0.01  # s, with a file that another has locked
 
 
 class Frame(NamedTuple):
@@ -154,8 +156,17 @@ def driven(path: str | os.PathLike[str]) -> bool:
 
 def lock(file: int) -> None:
     """Lock a descriptor's file, or raise `BlockingIOError`; where a system cannot, do nothing."""
-    if sys.platform != "win32":
-        flock(file, LOCK_EX | LOCK_NB)
+    if sys.platform == "win32":
+        return
+    end = monotonic() + _PATIENCE
+    while True:
+        try:
+            return flock(file, LOCK_EX | LOCK_NB)
+        except BlockingIOError:
+            # `driven` has the file locked for an instant: only a lock that lasts is a host's.
+            if monotonic() >= end:
+                raise
+        sleep(_AGAIN)
 
 
 def _sound(path: Path) -> int:
