@@ -32,6 +32,18 @@ def read_all(descriptor: int) -> list[dict[str, object]]:
     return messages
 
 
+def test_what_cannot_be_told_is_left_out_and_what_follows_is_told():
+    out, into = os.pipe()
+    with Publisher(into) as publisher:
+        publisher.tell("state", time=float("nan"))
+        publisher.tell("event", words="\ud800")
+        publisher.tell("event", words=object())
+        publisher.tell("event", words="after")
+    os.close(into)
+    assert read_all(out) == [{"kind": "event", "words": "after"}]
+    os.close(out)
+
+
 def test_a_reader_that_takes_nothing_keeps_nobody_waiting_and_misses_no_event():
     out, into = os.pipe()
     publisher = Publisher(into)

@@ -11,7 +11,6 @@ import tomlkit
 
 from inercal.errors import InputError
 from inercal.host.folder import LOG
-from inercal.host.journal import Journal
 from inercal.host.log import driven, lock
 
 NOTE = "run.page.json"
@@ -154,18 +153,3 @@ def renamed(path: Path, sensor: str) -> bytes:
         return tomlkit.dumps(document).encode()
     except (OSError, ValueError, KeyError) as error:
         raise InputError(f"{path}: the sensor cannot be named: {error}") from None
-
-
-def state_of(folder: Path) -> str:
-    """Return how far the run in a folder is: a state of `Header`, "running" only if it does.
-
-    Raises
-    ------
-    InputError
-        There is no run, or its journal cannot be read.
-    """
-    with Journal(folder / "run.journal") as journal:
-        state = journal.header().state
-    if inhabited(folder):
-        return "running"
-    return "interrupted" if state == "running" else state

@@ -75,7 +75,6 @@ def state(run: BenchRun, bench: Turntable, angles: Array | None) -> dict[str, An
         "phase": run.sequencer.phase,
         "paused": run.paused,
         "trouble": run.trouble,
-        "step": run.sequencer.number,
         "done": run.sequencer.number,
         "remaining": number(remaining),
         "speed": number(run.speed, 3),

@@ -51,8 +51,11 @@ class Publisher:
     def _write(self) -> None:
         while (message := self._next()) is not None:
             kind, content = message
-            told = json.dumps({"kind": kind, **content}, ensure_ascii=False, allow_nan=False)
-            line = f"{kind} {told}\n".encode()
+            try:
+                told = json.dumps({"kind": kind, **content}, ensure_ascii=False, allow_nan=False)
+                line = f"{kind} {told}\n".encode()
+            except (TypeError, ValueError):
+                continue  # NaN, or half a surrogate pair: those that follow are to be told still
             try:
                 while line:
                     line = line[os.write(self._descriptor, line) :]
