@@ -2,49 +2,16 @@
 
 import re
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.report.tags import parsed
 from tests.store.generator import DRIFTING, content, hashed, ten, write
 
 from inercal.report import write_history
 from inercal.report.over_time import lines, page
 from inercal.store import History, Register
-
-VOID = {"meta", "br"}
-
-
-class _Tags(HTMLParser):
-    """Collects ids and references, and checks that elements close in order."""
-
-    def __init__(self):
-        super().__init__()
-        self.open: list[str] = []
-        self.ids: list[str] = []
-        self.text: list[str] = []
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]):
-        self.ids += [value or "" for name, value in attrs if name == "id"]
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]):
-        self.ids += [value or "" for name, value in attrs if name == "id"]
-
-    def handle_endtag(self, tag: str):
-        assert self.open.pop() == tag
-
-    def handle_data(self, data: str):
-        self.text.append(data)
-
-
-def parsed(text: str) -> _Tags:
-    tags = _Tags()
-    tags.feed(text)
-    assert tags.open == []
-    return tags
 
 
 @pytest.fixture(scope="module")

@@ -3,12 +3,12 @@
 import re
 import sys
 from dataclasses import replace
-from html.parser import HTMLParser
 from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.report.tags import parsed
 
 from inercal.benches import Hand
 from inercal.errors import InputError
@@ -25,42 +25,6 @@ from inercal.report.tables import bench, coefficients, strongest
 from inercal.report.traces import POINTS, envelope
 from inercal.runfile import Run, read
 from inercal.units import digits
-
-VOID = {"meta", "br"}
-
-
-class _Tags(HTMLParser):
-    """Collects tags and ids and checks that elements close in order."""
-
-    def __init__(self):
-        super().__init__()
-        self.open: list[str] = []
-        self.seen: list[str] = []
-        self.ids: list[str] = []
-        self.text: list[str] = []
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]):
-        self.seen.append(tag)
-        self.ids += [value or "" for name, value in attrs if name == "id"]
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]):
-        self.seen.append(tag)
-        self.ids += [value or "" for name, value in attrs if name == "id"]
-
-    def handle_endtag(self, tag: str):
-        assert self.open.pop() == tag
-
-    def handle_data(self, data: str):
-        self.text.append(data)
-
-
-def parsed(text: str) -> _Tags:
-    tags = _Tags()
-    tags.feed(text)
-    assert tags.open == []
-    return tags
 
 
 def simulated(folder: Path, run_file: str) -> Run:

@@ -66,13 +66,7 @@ def devices(
 
 
 def _bench(run_file: Path | None) -> "Turntable | None":
-    from inercal.benches import Turntable
-    from inercal.errors import InputError
+    from inercal.host.record import turntable_of
     from inercal.runfile import read
 
-    if run_file is None:
-        return None
-    bench = read(run_file).bench
-    if not isinstance(bench, Turntable):
-        raise InputError(f"{run_file}: [bench] kind: a bench run takes a turntable")
-    return bench
+    return None if run_file is None else turntable_of(read(run_file))

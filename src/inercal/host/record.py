@@ -32,6 +32,19 @@ _NEEDED = {"time": '"time"', "rate": '"200 Hz"', "label": '"step"', "hold": '"ho
 GROUP = "bench"
 
 
+def turntable_of(run: Run) -> Turntable:
+    """Return the turntable of a run file.
+
+    Raises
+    ------
+    InputError
+        Its bench is another.
+    """
+    if not isinstance(run.bench, Turntable):
+        raise InputError(f'{run.path}: [bench] kind: a run on the bench takes "turntable"')
+    return run.bench
+
+
 def require_recordable(run: Run, layout: Layout | None = None) -> None:
     """Refuse a run file whose [data] does not say what a run on the bench is written to.
 
@@ -47,8 +60,7 @@ def require_recordable(run: Run, layout: Layout | None = None) -> None:
         Naming the key and what is possible.
     """
     data, where = run.data, f"{run.path}: [data]"
-    if not isinstance(run.bench, Turntable):
-        raise InputError(f'{run.path}: [bench] kind: a run on the bench takes "turntable"')
+    turntable_of(run)
     if Path(data.file).suffix.lower() not in _SUFFIXES:
         raise InputError(
             f"{where} file: {data.file!r}: a run on the bench is written to {_SUFFIXES[0]}"

@@ -19,7 +19,6 @@ from queue import SimpleQueue
 from time import monotonic
 from typing import Literal, NamedTuple, Self
 
-from inercal.benches import Turntable
 from inercal.errors import InercalError, InputError
 from inercal.host.account import Account
 from inercal.host.addresses import layout_of_address, open_imu, open_table
@@ -34,6 +33,7 @@ from inercal.host.journal import Journal
 from inercal.host.link import LinkLost
 from inercal.host.listening import Listening
 from inercal.host.log import IMU, TABLE
+from inercal.host.record import turntable_of
 from inercal.host.sequencer import Command, Sequencer
 from inercal.host.states import pack
 from inercal.host.tasks import tasks
@@ -120,9 +120,7 @@ class BenchRun:
         show: Callable[["BenchRun"], None] | None = None,
         every: float = _SHOWN,
     ):
-        run, bench = folder.run, folder.run.bench
-        if not isinstance(bench, Turntable):
-            raise InputError(f"{run.path}: [bench] kind: a bench run takes a turntable")
+        run, bench = folder.run, turntable_of(folder.run)
         self.tasks = tasks(bench, run.table_steps)
         self.sequencer = Sequencer(self.tasks, bench.limits_of_axes, journal.done(), bench.names)
         self.name, self.sensor, self.axes = run.sensor.name, run.sensor, bench.names

@@ -8,12 +8,11 @@ from pathlib import Path
 from time import sleep
 from typing import Any
 
-from inercal.benches.turntable import Turntable
-from inercal.errors import InputError
 from inercal.host.addresses import layout_of_address
 from inercal.host.compile import compiled
 from inercal.host.folder import JOURNAL, POLL, Folder, begin, resumed
 from inercal.host.journal import Journal
+from inercal.host.record import turntable_of
 from inercal.host.run import Addresses, BenchRun, Options
 from inercal.host.web import pictures, simulating
 from inercal.host.web.control import Control
@@ -49,7 +48,6 @@ class Carrying:
             Nothing was begun.
         """
         run = self._planned()
-        assert isinstance(run.bench, Turntable)
         with ExitStack() as opened:
             bench = simulating.wanted(self._order)
             addresses = self._addresses(run, bench, opened)
@@ -59,7 +57,7 @@ class Carrying:
                 opened.callback(os.close, note(made.path, bench))
                 journal.event("info", self._words(bench))
                 ending = Ending(self._order, made, journal)
-                teller = Teller(self._publisher, made.run, run.bench, journal)
+                teller = Teller(self._publisher, made.run, turntable_of(run), journal)
                 told = self._to_its_end(made, journal, teller, ending)
                 teller.events()
                 return told
@@ -87,9 +85,7 @@ class Carrying:
             with Journal(self._folder / JOURNAL) as journal:
                 was = journal.header()
             run, clock = read(self._folder / was.run_file), clock or was.clock
-        if not isinstance(run.bench, Turntable):
-            raise InputError(f"{run.path}: [bench] kind: a bench run takes a turntable")
-        told = pictures.plan(run, run.bench) | {"run": order.name}
+        told = pictures.plan(run, turntable_of(run)) | {"run": order.name}
         told["begun"] = datetime.now(UTC).isoformat(timespec="milliseconds")
         told["simulated"] = simulating.wanted(order) is not None or bool(clock)
         told["sensor"] = order.sensor or told["sensor"]
