@@ -12,8 +12,10 @@ CHROMIUM = Path("/usr/bin/chromium")
 PATIENCE = 20_000.0  # ms
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
+    # Not for the session: while playwright is open its event loop counts as running in this
+    # thread, and no test of another module could run its own.
     if not CHROMIUM.exists():
         pytest.skip(f"no browser: {CHROMIUM} is missing (on Debian the package chromium)")
     with sync_playwright() as playwright:
