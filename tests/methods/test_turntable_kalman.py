@@ -29,6 +29,7 @@ from inercal.errors import InputError, NotObserved
 from inercal.estimate import Course, Gaussian, NullDirection, Smoothed
 from inercal.methods.turntable import model
 from inercal.methods.turntable_kalman import METHOD
+from inercal.methods.turntable_kalman._gyros import gyros as compiled_gyros
 from inercal.methods.turntable_kalman.accelerometers import Accelerometers
 from inercal.methods.turntable_kalman.gyros import Gyros
 from inercal.recording import Track
@@ -412,6 +413,21 @@ def test_an_imu_that_waits_for_its_readback_may_come_in_pieces():
         state, _ = ours.step(state, one.slice(start, stop))
     assert np.array_equal(state.theta, whole.theta)
     assert np.array_equal(state.p, whole.p)
+
+
+def test_the_filter_is_compiled_once_whichever_of_imu_and_readback_waits():
+    table = turntable.Table(latency=0.15)
+    one = track(turntable.draw(1, 1, SHORT, table=table)).trial(0)
+    exact, late, early = Measured(0, 0), Measured(0.15, 5e-3), Measured(-0.15, 5e-3)
+    filters = [Gyros.of(SENSOR, bench(table, latency=delay), one) for delay in (exact, late, early)]
+    assert filters[1].lag < 0 < filters[2].lag
+    signatures = list[int]()
+    for ours in filters:
+        state = ours.start(one)
+        for start, stop in pairwise([0, 30, 4000]):
+            state, _ = ours.step(state, one.slice(start, stop))
+        signatures.append(len(compiled_gyros.signatures))
+    assert len(set(signatures)) == 1
 
 
 def test_drift_of_the_bias_is_in_what_a_late_readback_is_compared_with():

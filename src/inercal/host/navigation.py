@@ -83,16 +83,17 @@ class Navigator:
             The sensor's coefficients by which readings are corrected, SI.
         """
         felt = inverse(self._sensor, track.reading, values)
+        f, w = np.ascontiguousarray(felt.f), np.ascontiguousarray(felt.w)
         before = np.concatenate([[self._time], track.time[:-1]])
         held = np.concatenate([[self._hold], track.hold[:-1]])
         gap = track.time - before > GAP
         anew = np.flatnonzero(gap | ((track.hold >= 0) & (track.hold != held)))
         aligned = reference(self._bench, track.angles[anew])
         _follow(
-            track.time, felt.f, felt.w, track.hold, anew, aligned, self._time,
+            track.time, f, w, track.hold, anew, aligned, self._time,
             self._felt, self._c, self._v, self._earth, self._gravity,
         )  # fmt: skip
-        self._felt = np.stack([felt.f[-1], felt.w[-1]])
+        self._felt = np.stack([f[-1], w[-1]])
         self._time, self._hold = float(track.time[-1]), int(track.hold[-1])
         off = np.empty(3)
         apart(reference(self._bench, track.angles[-1:])[0], self._c, off)

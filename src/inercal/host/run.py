@@ -15,7 +15,6 @@ its own with its own connection. Both are software; the hardware interlock is th
 from collections.abc import Callable
 from contextlib import ExitStack
 from datetime import datetime
-from queue import SimpleQueue
 from time import monotonic
 from typing import Literal, NamedTuple, Self
 
@@ -29,6 +28,7 @@ from inercal.host.drivers.table import TableFault, TableState
 from inercal.host.folder import Folder
 from inercal.host.guard import Guard
 from inercal.host.interlocks import Interlocks
+from inercal.host.interruptions import Interruptions
 from inercal.host.journal import Journal
 from inercal.host.link import LinkLost
 from inercal.host.listening import Listening
@@ -41,10 +41,8 @@ from inercal.host.tasks import tasks
 _SHOWN = 0.2  # s of the wall's between two looks at the run
 _NO_PACKET = 5.0  # s
 _AFTER = 1.0  # s that are recorded on: the last samples wait for what the table says after them
-_LOOKS = 0.05  # s of the wall's between two looks at the watchdog
 _PATIENCE, _SIMULATED = 600.0, 10.0  # s that it looks for a table that is gone
 _GRACE = 5.0  # s to come to rest in, beside what the deceleration takes
-_Why = Literal["operator", "watchdog", "IMU"]
 
 
 class Addresses(NamedTuple):
@@ -100,8 +98,6 @@ class BenchRun:
     tasks : tuple of Task
     account : Account
         What came, and what was made of it.
-    trouble : str
-        Why the run was interrupted; empty where it was not.
 
     Raises
     ------
@@ -124,15 +120,11 @@ class BenchRun:
         self.tasks = tasks(bench, run.table_steps)
         self.sequencer = Sequencer(self.tasks, bench.limits_of_axes, journal.done(), bench.names)
         self.name, self.sensor, self.axes = run.sensor.name, run.sensor, bench.names
-        self.trouble = ""
-        self._ends: set[str] = set()
         self._journal, self._options = journal, options
         self._show: Callable[[BenchRun], None] = show or _blind
         self._every = every
         self._bench, self._poll = bench, journal.header().poll
-        self._paused: dict[_Why, str] = {}
         self._commands: list[Command] = []
-        self._asked: SimpleQueue[Literal["pause", "go on", "stop"]] = SimpleQueue()
         self._shown, self._waits = 0.0, True
         self._packets = 0, 0.0
         layout = layout_of_address(addresses.imu)
@@ -148,6 +140,7 @@ class BenchRun:
             self._require_possible()
             patience = _SIMULATED if addresses.clock else _PATIENCE
             self._guard = opened.enter_context(Guard(addresses.table, patience=patience))
+            self._interruptions = Interruptions(self.sequencer, self._guard, self._stop, self._say)
             self._driven = Driven(self._table, self._guard, self._clock.now, self._say)
             # A simulated bench stands still from here on: the port opens between two packets.
             clock, now = self._clock, self._clock.now()
@@ -160,7 +153,6 @@ class BenchRun:
         self.time, self._next = tick.time, tick.time + self._poll
         self._since = monotonic(), tick.time
         self._over: float | None = None
-        self._looked = 0.0
 
     @property
     def state(self) -> TableState | None:
@@ -177,11 +169,16 @@ class BenchRun:
     @property
     def paused(self) -> str:
         """Why the run pauses; empty where it does not."""
-        return "; ".join(self._paused.values())
+        return self._interruptions.paused
+
+    @property
+    def trouble(self) -> str:
+        """Why the run was interrupted; empty where it was not."""
+        return self._interruptions.trouble
 
     def ask(self, what: Literal["pause", "go on", "stop"]) -> None:
         """Ask for something, from whichever thread; it is done within a tick."""
-        self._asked.put(what)
+        self._interruptions.ask(what)
 
     def carry_out(self) -> bool:
         """Go through the plan; True when all is done, False when it was interrupted.
@@ -199,9 +196,9 @@ class BenchRun:
                     self._tick()
                 self._come_to_rest()
             except LinkLost as error:
-                self._end(f"the bench's clock is gone: {error}")
+                self._interruptions.end(f"the bench's clock is gone: {error}")
             except InercalError as error:
-                self._end(str(error))
+                self._interruptions.end(str(error))
         self._work()
         self._over = monotonic()
         done = self.sequencer.phase == "done" and not self.trouble
@@ -231,7 +228,7 @@ class BenchRun:
             self._attach()
         for time, data in heard.pieces:
             self.account.keep(IMU, time, data)
-        self._watch()
+        self._interruptions.look(self.time, self._imu, self._options.patience)
         if fresh is not None:
             self._go_on(fresh[1])
         if self.account.due(self.time):
@@ -248,43 +245,8 @@ class BenchRun:
         try:
             return self._driven.read()
         except LinkLost as error:
-            self._end(str(error))
+            self._interruptions.end(str(error))
             return None
-
-    def _watch(self) -> None:
-        """Look at what was asked for, at watchdog and IMU: the run pauses, goes on or ends."""
-        while not self._asked.empty():
-            match self._asked.get():
-                case "pause":
-                    self._pause("operator", "paused by the operator")
-                case "go on":
-                    self._paused.pop("operator", None)
-                case "stop":
-                    self._end("stopped by the operator")
-        if monotonic() - self._looked >= _LOOKS:
-            self._look_at_guard()
-        if self._imu.trouble is None:
-            self._paused.pop("IMU", None)
-        elif self.time - self._imu.since > self._options.patience:
-            self._end(f"{self._imu.trouble}, and not back within {self._options.patience:g} s")
-        else:
-            self._pause("IMU", self._imu.trouble)
-        if self.sequencer.phase == "paused" and not self._paused:
-            self._say("info", "goes on")
-            self.sequencer.go_on()
-
-    def _look_at_guard(self) -> None:
-        """Hear what the watchdog says, and that it is there."""
-        self._looked = monotonic()
-        if self._guard.interrupted:
-            self._end("stopped by the operator")
-        for line in self._guard.said():
-            if line in ("at rest", "ready"):
-                self._paused.pop("watchdog", None)
-            else:
-                self._pause("watchdog", f"watchdog: {line}")
-        if not self._guard.alive:
-            self._end("the watchdog is gone")
 
     def _go_on(self, state: TableState) -> None:
         """Show the sequencer a state of the table, and do what it says."""
@@ -292,29 +254,23 @@ class BenchRun:
             return
         words = self._interlocks.check(state, self.time, temperature=self.account.temperature)
         if words is not None:
-            self._end(words)
+            self._interruptions.end(words)
             return
         try:
             self._commands = self.sequencer.step(state)
         except TableFault as error:
-            self._fail(error)
+            self._interruptions.fail(error)
         self._sections()
 
     def _tell_what_is_due(self) -> None:
         """Tell the table what the sequencer has said; it may be paused since."""
         commands, self._commands = self._commands, []
         if commands:
-            self._look_at_guard()  # while it stops the table nothing is commanded
+            self._interruptions.look_at_guard()  # while it stops the table nothing is commanded
         try:
-            self._driven.tell([] if self._paused or self.sequencer.over else commands)
+            self._driven.tell([] if self.paused or self.sequencer.over else commands)
         except InercalError as error:
-            self._fail(error)
-
-    def _fail(self, error: InercalError) -> None:
-        # It may be the watchdog that stopped the table.
-        self._look_at_guard()
-        if "watchdog" not in self._paused:
-            self._end(str(error))
+            self._interruptions.fail(error)
 
     def _sections(self) -> None:
         """Keep what began and ended."""
@@ -324,22 +280,6 @@ class BenchRun:
             if one.what == "begun":
                 self._say("info", f"step {one.number + 1} of {len(self.tasks)}: {one.label}")
         made.clear()
-
-    def _pause(self, why: _Why, words: str) -> None:
-        if why in self._paused or self.sequencer.over:
-            return
-        self._paused[why] = words
-        self._say("warning", f"{words}; the table stops, the step in hand will be repeated")
-        self._stop(self.sequencer.pause)
-
-    def _end(self, words: str) -> None:
-        self.trouble = self.trouble or words
-        # While the table comes to rest it is looked at again and again: once said is enough.
-        if words not in self._ends:
-            self._ends.add(words)
-            self._say("alarm", words)
-        if not self.sequencer.over:
-            self._stop(self.sequencer.abort)
 
     def _stop(self, how: Callable[[float], list[Command]]) -> None:
         """Pause or abort, `how` the sequencer does."""
@@ -358,13 +298,13 @@ class BenchRun:
         try:
             block = self.account.work(self.time)
         except InputError as error:
-            self._end(str(error))
+            self._interruptions.end(str(error))
             return
         packets = self.account.assembly.tally.bytes.packets
         if packets > self._packets[0] or not self._imu.bytes_come:
             self._packets = packets, self.time
         elif self.time - self._packets[1] > _NO_PACKET:
-            self._end(
+            self._interruptions.end(
                 f"for {_NO_PACKET:g} s bytes have come from the IMU and no packet: are preset and "
                 "baud right?"
             )
@@ -373,7 +313,7 @@ class BenchRun:
         if block.begins:
             self._interlocks = self._watched()
         if (words := self._interlocks.against_gyros(block.track)) is not None:
-            self._end(words)
+            self._interruptions.end(words)
 
     def _watched(self) -> Interlocks:
         return Interlocks(self._table.limits, self._bench, self.sensor, self._options.temperature)
@@ -402,8 +342,7 @@ class BenchRun:
             if not self._driven.rests:
                 self._clock.close()  # a simulated bench goes on by itself then
                 if (words := self._driven.leave()) is not None:
-                    self.trouble = f"{self.trouble}; {words}" if self.trouble else words
-                    self._say("alarm", words)
+                    self._interruptions.add(words)
         finally:
             self._opened.close()
 

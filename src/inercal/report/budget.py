@@ -1,15 +1,12 @@
 """The page of an error budget."""
 
 from dataclasses import dataclass
-from importlib.resources import files
-
-from jinja2 import Environment, StrictUndefined
-from markupsafe import Markup
 
 from inercal.budget import Budget
 from inercal.budget.rows import Row, rows, shift_cells, stated_row
 from inercal.report.bars import bars
 from inercal.report.tables import minus
+from inercal.report.templates import render
 
 
 @dataclass(frozen=True)
@@ -38,16 +35,11 @@ class Part:
 
 def page(budget: Budget, under: str) -> str:
     """Return the whole page, HTML; `under` stands under the sensor's name."""
-    folder = files("inercal.report")
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    template = environment.from_string((folder / "budget.html").read_text(encoding="utf-8"))
     sensor = budget.experiment.sensor
     parts = [_part(budget, k, name) for k, name in enumerate(sensor.coefficients)]
     panels = [(f"{part.name}, {part.unit}", part.rows) for part in parts]
-    return template.render(
-        css=Markup((folder / "page.css").read_text(encoding="utf-8")),
+    return render(
+        "budget.html",
         sensor=sensor,
         under=under,
         budget=budget,

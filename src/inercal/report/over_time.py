@@ -1,14 +1,13 @@
 """The page of a sensor's history, and the section of it that a calibration's report takes."""
 
 from dataclasses import dataclass
-from importlib.resources import files
 
-from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
 from inercal.calibration.verdict import chance
 from inercal.report.over_time_figure import courses
 from inercal.report.tables import minus
+from inercal.report.templates import render
 from inercal.store import History
 from inercal.store.changes import Verdict
 from inercal.store.history import Course
@@ -59,23 +58,18 @@ class Entry:
 
 def page(history: History) -> str:
     """Return the whole page, HTML."""
-    folder = files("inercal.report")
     groups = _groups(history)
-    return (
-        _environment()
-        .from_string((folder / "over_time.html").read_text(encoding="utf-8"))
-        .render(
-            css=Markup((folder / "page.css").read_text(encoding="utf-8")),
-            history=history,
-            first=_date(history.entries[0].measured),
-            last=_date(history.entries[-1].measured),
-            tone="good" if set(history.verdicts) <= {"steady", "too few"} else "care",
-            summary=lines(history)[0],
-            lines=lines(history)[1:],
-            section=_section(groups),
-            groups=groups,
-            entries=_entries(history),
-        )
+    return render(
+        "over_time.html",
+        history=history,
+        first=_date(history.entries[0].measured),
+        last=_date(history.entries[-1].measured),
+        tone="good" if set(history.verdicts) <= {"steady", "too few"} else "care",
+        summary=lines(history)[0],
+        lines=lines(history)[1:],
+        section=_section(groups),
+        groups=groups,
+        entries=_entries(history),
     )
 
 
@@ -96,15 +90,7 @@ def lines(history: History) -> list[Markup]:
 
 
 def _section(groups: list[Group]) -> Markup:
-    text = (files("inercal.report") / "over_time_section.html").read_text(encoding="utf-8")
-    made = _environment().from_string(text).render(groups=groups)
-    return Markup(made)  # of a template that escapes
-
-
-def _environment() -> Environment:
-    return Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
+    return Markup(render("over_time_section.html", groups=groups))  # of a template that escapes
 
 
 def _summary(history: History) -> str:

@@ -2,13 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib.resources import files
 from math import degrees, isnan, nan
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
 from inercal.benches import DividingHead, RateTable, Turntable
@@ -23,6 +21,7 @@ from inercal.report.figures import correlations, departures, residuals
 from inercal.report.history import history
 from inercal.report.speeds import speeds
 from inercal.report.sphere import Attitude, attitudes, missing_faces, sphere
+from inercal.report.templates import render
 from inercal.report.traces import scatters, traces
 from inercal.report.whole import by_step, by_steps, is_whole
 from inercal.sensors import G0
@@ -55,20 +54,15 @@ def page(
     register : History, optional
         Of the sensor's calibrations.
     """
-    folder = files("inercal.report")
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    template = environment.from_string((folder / "page.html").read_text(encoding="utf-8"))
     estimate, calibration = outcome.estimate, outcome.calibration
     bench = outcome.bench
     found = [] if isinstance(bench, DividingHead) else attitudes(outcome)
     grids, pulls = tables.bench(outcome)
     recording = outcome.recording
     chosen = calibration.sensor.coefficients
-    return template.render(
+    return render(
+        "page.html",
         minus=tables.minus,
-        css=Markup((folder / "page.css").read_text(encoding="utf-8")),
         calibration=calibration,
         sensor=calibration.sensor,
         estimate=estimate,

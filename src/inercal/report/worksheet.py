@@ -1,12 +1,8 @@
 """The page of a worksheet: printed, and filled in by hand at the head."""
 
-from importlib.resources import files
-
-from jinja2 import Environment, StrictUndefined
-from markupsafe import Markup
-
 from inercal.calibration.verdict import COVERAGE
 from inercal.design.on_head import Known, Worksheet
+from inercal.report.templates import render
 from inercal.units import digits
 
 _MOST = 24  # rows of a pass that one sheet of paper holds
@@ -14,13 +10,8 @@ _MOST = 24  # rows of a pass that one sheet of paper holds
 
 def page(sheet: Worksheet, table: str) -> str:
     """Return the whole page, HTML; `table` is the name of the file to be filled."""
-    folder = files("inercal.report")
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    template = environment.from_string((folder / "worksheet.html").read_text(encoding="utf-8"))
-    return template.render(
-        css=Markup((folder / "page.css").read_text(encoding="utf-8")),
+    return render(
+        "worksheet.html",
         sheet=sheet,
         table=table,
         boxes=_boxes(sheet),

@@ -93,6 +93,12 @@ class Page:
         self.close()
 
 
+def as_header(cookies: Mapping[str, str]) -> dict[str, str]:
+    """Return the header that says cookies; none for none."""
+    said = "; ".join(f"{name}={value}" for name, value in cookies.items())
+    return {"Cookie": said} if said else {}
+
+
 def opened(
     port: int,
     origin: str | None = "own",
@@ -103,12 +109,11 @@ def opened(
 ) -> Page:
     """Open a page of the server at a port; see `Served.page`."""
     host = host or f"127.0.0.1:{port}"
-    headers = {"Cookie": "; ".join(f"{k}={v}" for k, v in cookies.items())} if cookies else {}
     return Page(
         connect(
             f"ws://{host}/live",
             origin=f"http://{host}" if origin == "own" else origin,  # pyright: ignore[reportArgumentType]
-            additional_headers=headers,
+            additional_headers=as_header(cookies or {}),
             sock=socket.create_connection(("127.0.0.1", port), PATIENCE),
             max_size=None,
             max_queue=4 if slow else None,
@@ -163,6 +168,10 @@ class Served(AbstractContextManager["Served"]):
         self._thread = Thread(target=self._serve, name="server")
         self._thread.start()
         assert self._up.wait(PATIENCE)
+
+    def viewer(self, which: str) -> dict[str, str]:
+        """Return the cookies of a browser that was here before."""
+        return {f"inercal-viewer-{self.port}": which}
 
     def page(
         self,

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from tests.host.web.pages import Page, Served
+from tests.host.web.pages import Page, Served, as_header
 from websockets.exceptions import InvalidStatus
 
 TOKEN = "correct horse battery"
@@ -49,7 +49,8 @@ def test_without_the_token_nothing_is_served(tmp_path: Path):
             assert answer.status == 401
             assert b"<form" in answer.body
         assert served.ask("/api/probe", "POST", b"{}").status == 401
-        for cookies in ({}, {"inercal-session": TOKEN}, {"inercal-session": "\xff"}):
+        session = f"inercal-session-{served.port}"
+        for cookies in ({}, {session: TOKEN}, {session: "\xff"}):
             with pytest.raises(InvalidStatus, match="403"):
                 served.page(cookies=cookies)
         served.was_refused("websocket /live: no token")
@@ -74,6 +75,20 @@ def test_who_has_shown_the_token_is_let_in(tmp_path: Path):
                 page.until("idle")
         with pytest.raises(InvalidStatus, match="403"):
             served.page(origin=EVIL, cookies={name: value})
+
+
+def test_two_servers_of_one_host_are_open_in_one_browser(tmp_path: Path):
+    folders = tmp_path / "one", tmp_path / "other"
+    for folder in folders:
+        folder.mkdir()
+    with Served(folders[0], TOKEN) as one, Served(folders[1], TOKEN) as other:
+        kept = dict[str, str]()
+        for served in (one, other):
+            for said in served.ask("/token", "POST", f"token={TOKEN}".encode()).cookies:
+                name, _, value = said.partition(";")[0].partition("=")
+                kept[name] = value
+        for served in (one, other):
+            assert served.ask("/api/setup", headers=as_header(kept)).status == 200
 
 
 def test_wrong_tokens_are_counted_and_then_the_right_one_is_not_looked_at(tmp_path: Path):

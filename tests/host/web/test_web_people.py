@@ -9,7 +9,7 @@ from pathlib import Path
 from threading import Event, Thread
 
 import pytest
-from tests.host.web.pages import PATIENCE, SIMULATED, Page, Served
+from tests.host.web.pages import PATIENCE, SIMULATED, Page, Served, as_header
 
 from inercal.host.folder import JOURNAL, LOG
 from inercal.host.journal import Journal
@@ -52,7 +52,7 @@ def test_who_only_looks_on_commands_nothing(served: Served, ada: Page, do: str):
 
 
 def test_an_operator_who_was_gone_for_a_moment_operates_again(served: Served):
-    cookies = {"inercal-viewer": "of-this-browser"}
+    cookies = served.viewer("of-this-browser")
     with served.page(cookies=cookies) as page:
         page.operate("Ada")
     with served.page() as other:
@@ -65,7 +65,7 @@ def test_an_operator_who_was_gone_for_a_moment_operates_again(served: Served):
 def test_an_operators_browser_has_its_place_back_while_its_old_connection_seems_open(
     served: Served,
 ):
-    cookies = {"inercal-viewer": "of-this-browser"}
+    cookies = served.viewer("of-this-browser")
     with served.page(cookies=cookies) as page, served.page(cookies=cookies) as again:
         page.operate("Ada")
         again.operate("Ada")
@@ -268,9 +268,10 @@ def test_the_setup_says_what_there_is(served: Served, ada: Page):
 
 
 def test_only_the_operators_browser_may_ask_the_devices(served: Served):
-    cookies = {"Cookie": "inercal-viewer=mine"}
+    mine = served.viewer("mine")
+    cookies = as_header(mine)
     body = json.dumps({"plan": "demo", "table": {"id": "simulated"}, "imu": {"id": "port-99"}})
-    with served.page(cookies={"inercal-viewer": "mine"}) as page:
+    with served.page(cookies=mine) as page:
         assert served.ask("/api/probe", "POST", body.encode(), cookies).status == 403
         page.operate()
         said = served.ask("/api/probe", "POST", body.encode(), cookies)
@@ -279,30 +280,30 @@ def test_only_the_operators_browser_may_ask_the_devices(served: Served):
         assert said.json["imu"]["ok"] is False
         assert "no IMU 'port-99'" in said.json["imu"]["lines"][0]
         assert served.ask("/api/probe", "POST", b"[]", cookies).status == 400
-        other = {"Cookie": "inercal-viewer=other"}
+        other = as_header(served.viewer("other"))
         assert served.ask("/api/probe", "POST", body.encode(), other).status == 403
         page.start()
         assert served.ask("/api/probe", "POST", body.encode(), cookies).status == 409
 
 
 PROBE = json.dumps({"plan": "demo", **SIMULATED}).encode()
-MINE = {"Cookie": "inercal-viewer=mine"}
 
 
 @pytest.fixture
 def mine(served: Served) -> Iterator[Page]:
-    with served.page(cookies={"inercal-viewer": "mine"}) as page:
+    with served.page(cookies=served.viewer("mine")) as page:
         page.operate()
         yield page
 
 
 @pytest.mark.usefixtures("mine")
 def test_the_devices_of_a_run_without_this_page_are_not_asked(served: Served):
+    cookies = as_header(served.viewer("mine"))
     with Log(begun_elsewhere(served) / LOG):
-        said = served.ask("/api/probe", "POST", PROBE, MINE)
+        said = served.ask("/api/probe", "POST", PROBE, cookies)
         assert said.status == 409
         assert said.json["words"].startswith("the run other goes on, without this page")
-    assert served.ask("/api/probe", "POST", PROBE, MINE).status == 200
+    assert served.ask("/api/probe", "POST", PROBE, cookies).status == 200
 
 
 def test_no_run_begins_while_the_devices_are_asked(
@@ -316,13 +317,14 @@ def test_no_run_begins_while_the_devices_are_asked(
         return {}
 
     monkeypatch.setattr(app, "probe", probe)
-    asking = Thread(target=served.ask, args=("/api/probe", "POST", PROBE, MINE))
+    cookies = as_header(served.viewer("mine"))
+    asking = Thread(target=served.ask, args=("/api/probe", "POST", PROBE, cookies))
     asking.start()
     try:
         assert asked.wait(PATIENCE)
         mine.say("start", plan="demo", sensor=None, **SIMULATED)
         assert "the devices are being asked" in mine.until("refused")["words"]
-        assert served.ask("/api/probe", "POST", PROBE, MINE).status == 409
+        assert served.ask("/api/probe", "POST", PROBE, cookies).status == 409
     finally:
         answer.set()
         asking.join(PATIENCE)

@@ -32,7 +32,9 @@ def read_all(descriptor: int) -> list[dict[str, object]]:
     return messages
 
 
-def test_what_cannot_be_told_is_left_out_and_what_follows_is_told():
+def test_what_cannot_be_told_is_left_out_with_a_word_and_what_follows_is_told(
+    capsys: pytest.CaptureFixture[str],
+):
     out, into = os.pipe()
     with Publisher(into) as publisher:
         publisher.tell("state", time=float("nan"))
@@ -42,6 +44,10 @@ def test_what_cannot_be_told_is_left_out_and_what_follows_is_told():
     os.close(into)
     assert read_all(out) == [{"kind": "event", "words": "after"}]
     os.close(out)
+    said = capsys.readouterr().err
+    assert said.count("could not be told") == 2  # once of each kind
+    assert "'state'" in said
+    assert "'event'" in said
 
 
 def test_a_reader_that_takes_nothing_keeps_nobody_waiting_and_misses_no_event():

@@ -96,9 +96,15 @@ class Access:
         return False
 
 
+def cookie_name(headers: Mapping[str, str], name: str) -> str:
+    """Return what a cookie is called where this page is: all ports of a host share theirs."""
+    port = headers.get("host", "").rpartition(":")[2]
+    return f"{name}-{port}" if port.isascii() and port.isdecimal() else name
+
+
 def cookie(headers: Mapping[str, str], name: str) -> str | None:
     """Return a cookie; None where there is none of that name."""
-    return cookie_parser(headers.get("cookie", "")).get(name)
+    return cookie_parser(headers.get("cookie", "")).get(cookie_name(headers, name))
 
 
 def _same(one: str, other: str) -> bool:

@@ -15,7 +15,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import HTMLResponse, PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from inercal.host.web.access import SESSION, VIEWER, Access, cookie
+from inercal.host.web.access import SESSION, VIEWER, Access, cookie, cookie_name
 from inercal.host.web.refused import Refused
 
 _MOST = 1 << 16  # bytes of a body
@@ -126,7 +126,8 @@ class Gate:
             self._refused(who, "a wrong token")
             return _asking("That is not the token.")
         answer = RedirectResponse("/", 303)
-        answer.set_cookie(SESSION, self._access.session, httponly=True, samesite="strict")
+        name = cookie_name(headers, SESSION)
+        answer.set_cookie(name, self._access.session, httponly=True, samesite="strict")
         return answer
 
 
@@ -134,7 +135,8 @@ def viewer_cookie(headers: Mapping[str, str], answer: Response) -> None:
     """Have a browser say later on which one it is."""
     if cookie(headers, VIEWER) is None:
         value = secrets.token_urlsafe(16)
-        answer.set_cookie(VIEWER, value, httponly=True, samesite="strict")
+        name = cookie_name(headers, VIEWER)
+        answer.set_cookie(name, value, httponly=True, samesite="strict")
 
 
 class _TooLarge(Exception):

@@ -7,6 +7,7 @@ run waiting.
 
 import json
 import os
+import sys
 from collections.abc import Mapping
 from threading import Condition, Thread
 from time import monotonic
@@ -49,13 +50,19 @@ class Publisher:
                 self._changed.wait(left)
 
     def _write(self) -> None:
+        unsaid = set[str]()
         while (message := self._next()) is not None:
             kind, content = message
             try:
                 told = json.dumps({"kind": kind, **content}, ensure_ascii=False, allow_nan=False)
                 line = f"{kind} {told}\n".encode()
-            except (TypeError, ValueError):
-                continue  # NaN, or half a surrogate pair: those that follow are to be told still
+            except (TypeError, ValueError) as error:
+                # NaN, or half a surrogate pair: those that follow are to be told still.
+                if kind not in unsaid:
+                    unsaid.add(kind)
+                    words = f"a message of kind {kind!r} could not be told"
+                    print(f"inercal: {words}: {error}", file=sys.stderr, flush=True)
+                continue
             try:
                 while line:
                     line = line[os.write(self._descriptor, line) :]

@@ -113,7 +113,7 @@ def carried(passages: Passages, sensor: Sensor, c: Array, white: Array) -> Carri
     model, way = affine(sensor, c), passages
     turn, sensitivity, noise = carry(
         way.time, way.output, way.start, way.left, way.reached, way.stop,
-        model.back, model.zero, white,
+        model.back, model.zero, np.ascontiguousarray(white),
     )  # fmt: skip
     to_coefficient = np.einsum("kabq,bqp->kap", sensitivity, model.to_coefficient)
     return Carried(turn, to_coefficient, sensitivity[..., 6], noise)

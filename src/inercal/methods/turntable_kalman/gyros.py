@@ -190,7 +190,8 @@ class Gyros:
         """
         after = copied(state)
         samples, stamps, angles, tail = self._paired(state.tail, track)
-        after = after._replace(tail=tail)
+        # In one order of memory, or the kernel would be compiled for each.
+        after = after._replace(tail=np.ascontiguousarray(tail))
         epochs = strapdown.due(samples.time, model.PERIOD * (1 - 1e-6), after.time[1])
         if not self.turning:
             epochs = epochs[samples.hold[epochs] >= 0]
@@ -212,7 +213,7 @@ class Gyros:
                 _ALIGNED**2,
                 model.GAP,
                 late,
-                0.0 if late[0] >= 0 else self.bench.latency.value,
+                0.0 if late[0] >= 0 else float(self.bench.latency.value),
                 self.closed,
             ),
             after,

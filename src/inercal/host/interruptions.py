@@ -1,0 +1,128 @@
+"""What keeps a run from going on: reasons to pause, while they last, and reasons to end it."""
+
+from collections.abc import Callable
+from queue import SimpleQueue
+from time import monotonic
+from typing import Literal
+
+from inercal.errors import InercalError
+from inercal.host.guard import Guard
+from inercal.host.listening import Listening
+from inercal.host.sequencer import Command, Sequencer
+
+_LOOKS = 0.05  # s of the wall's between two looks at the watchdog
+_Why = Literal["operator", "watchdog", "IMU"]
+
+
+class Interruptions:
+    """Of one run, by its operator, its watchdog and its devices.
+
+    Parameters
+    ----------
+    sequencer : Sequencer
+    guard : Guard
+    stop : callable
+        Takes `Sequencer.pause` or `Sequencer.abort`, and has the table do what it says.
+    say : callable
+        Takes "info", "warning" or "alarm", and what an operator should know.
+
+    Attributes
+    ----------
+    trouble : str
+        Why the run was interrupted; empty where it was not.
+    """
+
+    def __init__(
+        self,
+        sequencer: Sequencer,
+        guard: Guard,
+        stop: Callable[[Callable[[float], list[Command]]], None],
+        say: Callable[[Literal["info", "warning", "alarm"], str], None],
+    ):
+        self.trouble = ""
+        self._sequencer, self._guard, self._stop, self._say = sequencer, guard, stop, say
+        self._pauses: dict[_Why, str] = {}
+        self._ends: set[str] = set()
+        self._asked: SimpleQueue[Literal["pause", "go on", "stop"]] = SimpleQueue()
+        self._looked = 0.0
+
+    @property
+    def paused(self) -> str:
+        """Why the run pauses; empty where it does not."""
+        return "; ".join(self._pauses.values())
+
+    def ask(self, what: Literal["pause", "go on", "stop"]) -> None:
+        """Ask for something, from whichever thread; `look` does it."""
+        self._asked.put(what)
+
+    def look(self, time: float, imu: Listening, patience: float) -> None:
+        """Look at what was asked for, at watchdog and IMU: the run pauses, goes on or ends.
+
+        Parameters
+        ----------
+        time : float
+            The run's, s.
+        imu : Listening
+        patience : float
+            s that it may be gone before the run ends.
+        """
+        while not self._asked.empty():
+            match self._asked.get():
+                case "pause":
+                    self._pause("operator", "paused by the operator")
+                case "go on":
+                    self._pauses.pop("operator", None)
+                case "stop":
+                    self.end("stopped by the operator")
+        if monotonic() - self._looked >= _LOOKS:
+            self.look_at_guard()
+        if imu.trouble is None:
+            self._pauses.pop("IMU", None)
+        elif time - imu.since > patience:
+            self.end(f"{imu.trouble}, and not back within {patience:g} s")
+        else:
+            self._pause("IMU", imu.trouble)
+        if self._sequencer.phase == "paused" and not self._pauses:
+            self._say("info", "goes on")
+            self._sequencer.go_on()
+
+    def look_at_guard(self) -> None:
+        """Hear what the watchdog says, and that it is there."""
+        self._looked = monotonic()
+        if self._guard.interrupted:
+            self.end("stopped by the operator")
+        for line in self._guard.said():
+            if line in ("at rest", "ready"):
+                self._pauses.pop("watchdog", None)
+            else:
+                self._pause("watchdog", f"watchdog: {line}")
+        if not self._guard.alive:
+            self.end("the watchdog is gone")
+
+    def fail(self, error: InercalError) -> None:
+        """End because the table does not obey, unless the watchdog is stopping it."""
+        self.look_at_guard()
+        if "watchdog" not in self._pauses:
+            self.end(str(error))
+
+    def end(self, words: str) -> None:
+        """Abort the run; why is said once, and the first reason is the run's trouble."""
+        self.trouble = self.trouble or words
+        # While the table comes to rest it is looked at again and again: once said is enough.
+        if words not in self._ends:
+            self._ends.add(words)
+            self._say("alarm", words)
+        if not self._sequencer.over:
+            self._stop(self._sequencer.abort)
+
+    def add(self, words: str) -> None:
+        """Say what came to be known after the end, and add it to the run's trouble."""
+        self.trouble = f"{self.trouble}; {words}" if self.trouble else words
+        self._say("alarm", words)
+
+    def _pause(self, why: _Why, words: str) -> None:
+        if why in self._pauses or self._sequencer.over:
+            return
+        self._pauses[why] = words
+        self._say("warning", f"{words}; the table stops, the step in hand will be repeated")
+        self._stop(self._sequencer.pause)
