@@ -71,7 +71,9 @@ def variances(
         for first in range(0, count, block.size):
             size = min(block.size, count - first)
             _slide(data, columns, weight, start + first, size, fits, block)
-            out[start + first + half : start + first + half + size] = block[:size]
+            # One by one, here and below: an array put into a slice is twice as long to compile.
+            for k in range(size):
+                out[start + first + half + k] = block[k]
         out[start : start + half] = out[start + half]
         out[start + half + count : stop] = out[start + half + count - 1]
     return out
@@ -199,9 +201,10 @@ def runs(
                     if end - begin >= shortest:
                         if count == len(found):
                             grown = np.empty((2 * count, 2), np.int64)
-                            grown[:count] = found
+                            for k in range(count):
+                                grown[k, 0], grown[k, 1] = found[k, 0], found[k, 1]
                             found = grown
-                        found[count] = begin, end
+                        found[count, 0], found[count, 1] = begin, end
                         count += 1
                     begin = -1
     return found[:count]

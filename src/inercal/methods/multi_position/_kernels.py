@@ -7,7 +7,8 @@ With ω̂ = W y + w₀ the corrected rate of a sample and φ the rotation of one
     u₁ = E u₀,   E = exp(−[φ×])           a direction fixed in space, seen from the turning body
     ψ₁ = E (ψ₀ + ½ dφ) + ½ dφ             turn of the end frame by errors of the rate, dφ = δω Δt
 
-so that δu = u × ψ at the end. Miller (1983), J. Guidance 6(4), 287–291, for the two-sample step.
+so that δu = u × ψ at the end. Arrays are copied number by number: an array put into a slice takes
+Numba seconds to compile. Miller (1983), J. Guidance 6(4), 287–291, for the two-sample step.
 """
 # Numba's decorator has no types.
 # pyright: reportUntypedFunctionDecorator=false
@@ -75,7 +76,8 @@ def carry(
         s0, s1, s2 = np.zeros(21), np.zeros(21), np.zeros(21)
         rise, fall = left[k] - start[k] + 1.0, stop[k] - reached[k] + 1.0
         for i in range(start[k], stop[k] + 1):
-            last[:] = felt
+            for j in range(7):
+                last[j] = felt[j]
             _feel(felt, back, zero, output, i)
             if i == start[k]:
                 continue
@@ -139,10 +141,14 @@ def carry(
                         + turned[a, 2] * e[b, 2]
                         + white[a, b] * own
                     )
-        rotation[k], noise[k] = r, p
-        sensitivity[k, 0] = s0.reshape(3, 7)
-        sensitivity[k, 1] = s1.reshape(3, 7)
-        sensitivity[k, 2] = s2.reshape(3, 7)
+        for a in range(3):
+            for b in range(3):
+                rotation[k, a, b], noise[k, a, b] = r[a, b], p[a, b]
+        for b in range(3):
+            for j in range(7):
+                sensitivity[k, 0, b, j] = s0[7 * b + j]
+                sensitivity[k, 1, b, j] = s1[7 * b + j]
+                sensitivity[k, 2, b, j] = s2[7 * b + j]
     return rotation, sensitivity, noise
 
 
@@ -176,7 +182,8 @@ def lag(
     for k in range(count):
         x, y, z = before[k]
         for i in range(left[k], reached[k] + 1):
-            last[:] = felt
+            for j in range(6):
+                last[j] = felt[j]
             _feel(felt, back, zero, output, i)
             if i > left[k]:
                 # u turns by u × ω; the middle of the step makes it second order.

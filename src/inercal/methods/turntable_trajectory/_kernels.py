@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from inercal.methods.turntable.strapdown import BENT, KINK, apart, fill, matrix, rotate
+from inercal.methods.turntable.strapdown import BENT, KINK, apart, copy, fill, matrix, rotate
 from inercal.methods.turntable.terms import BASIS, FORCE, RATE, SQUARE
 
 Array = NDArray[np.float64]
@@ -70,7 +70,7 @@ def increments(
     matrix(nominal, axis, weights, theta, RATE, m)
     columns[:], drifting[:], driven[:] = 0.0, 0.0, 0.0
     for e in range(epochs.size - 1):
-        c[:] = reference[e]
+        copy(reference[e], c)
         for i in range(epochs[e] + 1, epochs[e + 1] + 1):
             dt = time[i] - time[i - 1]
             for k in range(3):
@@ -96,7 +96,7 @@ def increments(
                 coning = rates[i - 1, j1] * rates[i, j2] - rates[i - 1, j2] * rates[i, j1]
                 turn[k] = (u[k] - around) * dt + coning * dt * dt / 12
                 fed[k] = 0.5 * turn[k]
-            half[:] = c
+            copy(c, half)
             rotate(half, fed)
             rotate(c, turn)
             for k in range(3):
@@ -121,6 +121,14 @@ def increments(
                         for j in range(3):
                             driven[e, j, j] += (KINK * bent * dt) ** 2
         apart(reference[e + 1], c, apart_by[e])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _copy(rows: Array, out: Array) -> None:
+    """Write rows to the first of `out`, number by number as `copy` does."""
+    for k in range(rows.shape[0]):
+        for j in range(rows.shape[1]):
+            out[k, j] = rows[k, j]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -177,10 +185,10 @@ def whiten(
         # −[ω_ie×] of φ.
         f[0, 1], f[0, 2], f[1, 2] = earth[2] * dt, -earth[1] * dt, earth[0] * dt
         f[1, 0], f[2, 0], f[2, 1] = -f[0, 1], -f[0, 2], -f[1, 2]
-        before[:] = x
-        x[:] = f @ before
-        moved[:] = f @ p
-        p[:] = moved @ f.T
+        _copy(x, before)
+        np.dot(f, before, x)
+        np.dot(f, p, moved)
+        np.dot(moved, f.T, p)
         for k in range(3):
             p[3 + k, 3 + k] += drift[k, 0] * (1 - kept * kept) + drift[k, 1] * dt
             for j in range(3):
@@ -192,19 +200,19 @@ def whiten(
             for k in range(3):
                 p[k, k] = readback
             continue
-        before[:3] = total
+        _copy(total, before)
         for k in range(3):
             for c in range(m):
                 total[k, c] = rows[e, k, c]
                 for j in range(3):
                     total[k, c] += f[k, j] * before[j, c]
         s = p[:3, :3] + readback * np.eye(3)
-        root[:] = np.linalg.inv(np.linalg.cholesky(s))
+        copy(np.linalg.inv(np.linalg.cholesky(s)), root)
         off = total - x[:3]
-        rows[e] = root @ off
-        gain[:] = np.ascontiguousarray(p[:, :3]) @ (root.T @ root)
+        np.dot(root, off, rows[e])
+        np.dot(np.ascontiguousarray(p[:, :3]), root.T @ root, gain)
         x += gain @ off
-        moved[:3] = p[:3]
+        _copy(p[:3], moved)
         p -= gain @ moved[:3]
         for k in range(6):
             for j in range(k):
@@ -236,9 +244,11 @@ def whiten_each(time: Array, rows: Array, white: Array, drift: Array, correlatio
                 dt = time[e] - time[e - 1]
                 kept = np.exp(-dt / correlation)
                 p = kept * kept * p + drift[k, 0] * (1 - kept * kept) + drift[k, 1] * dt
-                x *= kept
+                for c in range(x.size):
+                    x[c] *= kept
             s = p + white[e, k]
-            off = rows[e, k] - x
-            rows[e, k] = off / np.sqrt(s)
-            x += p / s * off
+            for c in range(x.size):
+                off = rows[e, k, c] - x[c]
+                rows[e, k, c] = off / np.sqrt(s)
+                x[c] += p / s * off
             p -= p * p / s
