@@ -85,9 +85,8 @@ def assert_consistent(kind: str, seed: int, trials: int) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_arm_runs_scatter_as_stated(kind: str, seed: int):
-    assert_consistent(kind, seed, 8)
+def test_arm_runs_scatter_as_stated(kind: str):
+    assert_consistent(kind, 1, 8)
 
 
 @pytest.mark.slow

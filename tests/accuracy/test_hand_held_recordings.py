@@ -133,6 +133,7 @@ def left_out(seen: Observations, k: int) -> Observations:
     )
 
 
+@pytest.mark.slow
 def test_xsens_moves_without_a_pose_as_its_uncertainties_say(xsens: Outcome):
     """The jackknife over poses, against what the stated covariance lets one expect of it.
 

@@ -41,7 +41,7 @@ def experiment(collimated: Collimated, **truth: float) -> Experiment:
 @pytest.mark.parametrize("collimated", ["pairs", "every"])
 def test_first_order_drawing_and_what_is_stated_agree(collimated: Collimated):
     made = experiment(collimated)
-    found = budget(made, trials=600)
+    found = budget(made, trials=300)
     names = {line.name for line in made.imperfections}
     assert {"drift", "creep of the base", "tilt of the base", "polygon's faces"} <= names
     total, stated = found.total, made.stated()

@@ -96,11 +96,11 @@ def assert_unbiased(judged: Judged) -> None:
     assert np.abs(judged.error.mean(axis=0) / standard_error).max() < 4
 
 
-@pytest.mark.parametrize("estimator", ["joint", "sequential"])
-def test_forty_sessions_err_as_stated(seed: int, estimator: str):
-    assert_consistent(judge(seed, STILL, estimator, 40))
+def test_twenty_sessions_err_as_stated():
+    assert_consistent(judge(1, STILL, "joint", 20))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("estimator", ["joint", "sequential"])
 def test_few_rests_err_and_are_judged_as_stated(estimator: str):
     """What norms leave open of the accelerometers, rotations must not be blamed for."""
@@ -108,13 +108,6 @@ def test_few_rests_err_and_are_judged_as_stated(estimator: str):
     assert_consistent(judged)
     band = 4 * np.sqrt(2 * judged.dof / len(judged.chi2))
     assert np.all(np.abs(judged.chi2.mean(axis=0) - judged.dof) < band)
-
-
-def test_forty_sessions_of_a_trembling_hand_err_as_stated():
-    """Taken for noise, the wobble made the stated deviations more than twice too large."""
-    judged = judge(1, TREMBLING, "joint", 40)
-    assert_consistent_by_its_own_spread(judged)
-    assert judged.flagged.mean() < 0.25  # χ² of three kinds, each beyond its bound in one of 20
 
 
 @pytest.mark.slow
@@ -129,9 +122,11 @@ def test_three_hundred_sessions_err_as_stated(seed: int, estimator: str):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_three_hundred_sessions_of_a_trembling_hand_err_as_stated(seed: int):
+    """Taken for noise, the wobble made the stated deviations more than twice too large."""
     judged = judge(seed, TREMBLING, "joint", 300)
     assert_consistent_by_its_own_spread(judged)
     assert_unbiased(judged)
+    assert judged.flagged.mean() < 0.25  # χ² of three kinds, each beyond its bound in one of 20
 
 
 def test_a_drift_that_the_model_does_not_know_is_said_by_chi_squared():

@@ -16,7 +16,7 @@ from inercal.io.table import BLOCK
 from inercal.recording import Recording
 from inercal.sensors import imu
 
-N = 600_000
+N = 200_000
 AXES = ("ax", "ay", "az", "gx", "gy", "gz")
 COLUMNS = Columns(tuple((a, a, "m/s²" if a[0] == "a" else "rad/s") for a in AXES), time="time")
 SIZE = 7 * 8 * N  # bytes of the numbers themselves
