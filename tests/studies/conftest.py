@@ -8,25 +8,25 @@ from inercal.studies import Study, reproduce
 @pytest.fixture(scope="session")
 def study() -> Study:
     """Return the study with few trials; what is judged there does not hang on their number."""
-    return reproduce("centrifuge", trials=400, seed=1)
+    return reproduce("centrifuge", trials=100, seed=1)
 
 
 @pytest.fixture(scope="session")
 def dual_orthogonal() -> Study:
     """Return the other study, likewise."""
-    return reproduce("dual-orthogonal", trials=400, seed=1)
+    return reproduce("dual-orthogonal", trials=100, seed=1)
 
 
 @pytest.fixture(scope="session")
 def ship_model() -> Study:
     """Return the third study, likewise."""
-    return reproduce("ship-model", trials=400, seed=1)
+    return reproduce("ship-model", trials=100, seed=1)
 
 
 @pytest.fixture(scope="session")
 def turntable() -> Study:
     """Return the fourth study, of six devices."""
-    return reproduce("turntable", trials=400, seed=1)
+    return reproduce("turntable", trials=100, seed=1)
 
 
 @pytest.fixture(params=["study", "dual_orthogonal", "ship_model", "turntable"])
