@@ -107,7 +107,7 @@ def judged(run: Run, seed: int, trials: int) -> None:
 
 
 def test_simulated_recordings_err_as_their_calibrations_state(tmp_path: Path, seed: int):
-    judged(run_of(tmp_path, *SHORT), seed, 100)
+    judged(run_of(tmp_path, *SHORT), seed, 60)
 
 
 @pytest.mark.slow

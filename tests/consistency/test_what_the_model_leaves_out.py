@@ -31,7 +31,7 @@ HANDS = Handling(
 )
 # Faces of a dividing head: two arcseconds.
 PRECISE = replace(HANDS, tilt=2 / 3600 * DEGREE)
-TRIALS = 100
+TRIALS = 60
 
 
 def ml(made: Made, hands: Handling, method: str = "ferraris") -> Estimate:

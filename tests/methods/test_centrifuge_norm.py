@@ -323,7 +323,7 @@ def test_errors_of_the_bench_are_in_the_uncertainty(seed: int):
         dwell_tilt=2e-6,
     )
     nees: list[float] = []
-    for _ in range(100):
+    for _ in range(60):
         value = {q.name: rng.normal(q.value, q.sd) for q in bench.parameters}
         rows: list[Array] = []
         for rate in RATES:
