@@ -6,6 +6,8 @@ UV := UV_PYTHON_DOWNLOADS=never $(BIN)/uv
 INSTALLED := $(VENV)/.installed
 # Matrices are small: threads of linear algebra would only wait for one another.
 export OPENBLAS_NUM_THREADS := 1
+# A process is started in half the time where modules were compiled before.
+export PYTHONDONTWRITEBYTECODE :=
 # One process a core; one that is done takes tests from the others.
 SIDE_BY_SIDE := --numprocesses auto --dist worksteal
 
