@@ -95,11 +95,15 @@ def test_a_misused_command_line_is_status_2_and_says_how_to_get_help(arguments: 
     assert "--help" in done.stderr
 
 
-def test_a_mistake_is_one_line_on_standard_error_and_status_2(tmp_path: Path):
-    done = inercal("calibrate", tmp_path / "none.toml", "--out", tmp_path)
-    assert done.returncode == 2
-    assert done.stdout == ""
-    assert done.stderr == f"inercal: {tmp_path / 'none.toml'}: no such run file\n"
+def test_a_mistake_is_one_line_on_standard_error_and_status_2(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    path = tmp_path / "none.toml"
+    monkeypatch.setattr(sys, "argv", ["inercal", "calibrate", str(path), "--out", str(tmp_path)])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    assert stop.value.code == 2
+    assert capsys.readouterr() == ("", f"inercal: {path}: no such run file\n")
     assert list(tmp_path.iterdir()) == []
 
 
