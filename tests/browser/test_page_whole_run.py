@@ -38,6 +38,7 @@ def serving(tmp_path: Path) -> Iterator[Serving]:
         yield serving
 
 
+@pytest.mark.slow
 def test_a_run_is_set_up_watched_paused_finished_and_read_by_keyboard_alone(
     page: Page, context: BrowserContext, watched: Watched, serving: Serving, tmp_path: Path
 ):

@@ -50,10 +50,11 @@ def examples(tmp_path: Path) -> Path:
     return Path(shutil.copytree(ROOT / "examples", tmp_path / "examples"))
 
 
-def session(name: str, examples: Path, data_dir: Path, more: str = "") -> Outcome:
-    """Calibrate a recorded session, with the folder of its data replaced."""
-    run_file = examples / "ferraris_recordings" / f"{name}.toml"
-    text = run_file.read_text(encoding="utf-8")
+def session(name: str, folder: Path, data_dir: Path, more: str = "") -> Outcome:
+    """Calibrate a recorded session by a copy of its run file, the folder of its data replaced."""
+    run_file = folder / f"{name}.toml"
+    example = ROOT / "examples" / "ferraris_recordings" / f"{name}.toml"
+    text = example.read_text(encoding="utf-8")
     assert "../../../shared/data" in text
     data = str(data_dir).replace("\\", "/")
     run_file.write_text(text.replace("../../../shared/data", data) + more, encoding="utf-8")
@@ -98,6 +99,7 @@ def test_the_simulated_session_is_calibrated_to_its_truth(examples: Path, name: 
     assert 10 < nees < 63
 
 
+@pytest.mark.slow
 def test_the_plan_of_the_bench_is_carried_out_on_a_simulated_one(examples: Path, tmp_path: Path):
     run = read(examples / "bench" / "plan.toml")
     with SimulatedBench(run.path, seed=1) as bench:
@@ -115,26 +117,31 @@ def test_the_plan_of_the_bench_is_carried_out_on_a_simulated_one(examples: Path,
     assert 9.9 < error @ np.linalg.solve(calibration.covariance, error) < 51
 
 
-@pytest.mark.parametrize("name", SESSIONS)
-def test_recorded_sessions_agree_with_noise_and_bench_as_stated(
-    name: str, examples: Path, data_dir: Path
-):
-    assert session(name, examples, data_dir).estimate.consistent
+@pytest.fixture(scope="module", params=SESSIONS)
+def recorded(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, data_dir: Path
+) -> tuple[str, Outcome]:
+    """Return the name of a recorded session, and what it is calibrated to."""
+    return request.param, session(request.param, tmp_path_factory.mktemp("session"), data_dir)
+
+
+def test_recorded_sessions_agree_with_noise_and_bench_as_stated(recorded: tuple[str, Outcome]):
+    assert recorded[1].estimate.consistent
 
 
 @pytest.mark.parametrize("name", SESSIONS)
-def test_classical_formulas_give_what_imucal_gives(name: str, examples: Path, data_dir: Path):
-    outcome = session(name, examples, data_dir, 'estimator = "classical"\n')
+def test_classical_formulas_give_what_imucal_gives(name: str, tmp_path: Path, data_dir: Path):
+    outcome = session(name, tmp_path, data_dir, 'estimator = "classical"\n')
     for coefficient, value in IMUCAL[name].items():
         # imucal's numbers are printed with six to nine digits
         assert outcome.calibration.value(coefficient) == pytest.approx(value, abs=2e-6), coefficient
 
 
-@pytest.mark.parametrize("name", SESSIONS)
 def test_maximum_likelihood_agrees_with_imucal_within_its_uncertainty(
-    name: str, examples: Path, data_dir: Path
+    recorded: tuple[str, Outcome],
 ):
-    calibration = session(name, examples, data_dir).calibration
+    name, outcome = recorded
+    calibration = outcome.calibration
     for coefficient, value in IMUCAL[name].items():
         error = calibration.value(coefficient) - value
         assert abs(error) < 2 * calibration.uncertainty(coefficient), coefficient

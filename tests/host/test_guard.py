@@ -386,10 +386,11 @@ def test_no_other_process_keeps_the_end_of_the_host_from_being_seen(
             forked.join()
 
 
+@pytest.mark.parametrize("trials", [10, pytest.param(100, marks=pytest.mark.slow)])
 def test_from_a_signal_to_the_abort_at_the_controller_are_100_ms_at_most(
-    server: Served, table: Pmac
+    server: Served, table: Pmac, trials: int
 ):
-    """A hundred times, while one call of C has the host's interpreter locked."""
+    """Each time while one call of C has the host's interpreter locked."""
     heard = Event()
     at = 0.0
     carry_out = server.device.interpreter.control
@@ -406,9 +407,9 @@ def test_from_a_signal_to_the_abort_at_the_controller_are_100_ms_at_most(
     _until(lambda: not _turning(server))
     random = Random(8)
 
-    def a_hundred() -> list[float]:
+    def measured() -> list[float]:
         latencies: list[float] = []
-        for trial in range(100):
+        for trial in range(trials):
             replies = server.faults.replies
             heard.clear()
             begun = monotonic()
@@ -419,8 +420,10 @@ def test_from_a_signal_to_the_abort_at_the_controller_are_100_ms_at_most(
             _until(lambda most=replies + 4: server.faults.replies >= most)
             pause = monotonic() + random.uniform(0.06, 0.12)
             _until(lambda pause=pause: monotonic() > pause)
-        print(f"{sorted(latencies)[49] * 1e3:.2f} ms, at most {max(latencies) * 1e3:.2f} ms")
+        print(
+            f"{sorted(latencies)[trials // 2] * 1e3:.2f} ms, at most {max(latencies) * 1e3:.2f} ms"
+        )
         return latencies
 
     with _host(server, 1000.0, "busy") as (host, _):
-        assert max(a_hundred()) <= 0.1
+        assert max(measured()) <= 0.1

@@ -17,7 +17,6 @@ from inercal.store.changes import (
 )
 
 Array = NDArray[np.float64]
-SEEDS = (1, 2, 3)
 TRIALS = 4000
 # GUM H.3, table H.6: corrections of a thermometer, °C, at temperatures, °C.
 TEMPERATURE = np.array(
@@ -65,7 +64,6 @@ def test_fewer_than_three_have_no_line_and_neither_have_those_of_one_time(size: 
     assert line(np.ones(5), np.arange(5.0), np.ones(5)) is None
 
 
-@pytest.mark.parametrize("seed", SEEDS)
 def test_where_nothing_changes_one_in_22_exceeds_one(seed: int):
     rng = np.random.default_rng(seed)
     u1, u2 = rng.uniform(0.1, 10, (2, 20_000))
@@ -76,7 +74,6 @@ def test_where_nothing_changes_one_in_22_exceeds_one(seed: int):
     assert abs(found.mean()) < 4 * 0.5 / sqrt(20_000)  # E_n has a standard deviation of 1/k
 
 
-@pytest.mark.parametrize("seed", SEEDS)
 def test_errors_that_both_share_make_it_smaller(seed: int):
     rng = np.random.default_rng(seed)
     own, shared = 0.6, 0.8  # u = 1
@@ -99,7 +96,6 @@ def scattered(rng: np.random.Generator, size: int) -> tuple[Array, Array]:
     return root @ root.T, root
 
 
-@pytest.mark.parametrize("seed", SEEDS)
 def test_the_joint_test_is_as_likely_as_it_says(seed: int):
     rng = np.random.default_rng(seed)
     covariance, root = scattered(rng, 6)
@@ -122,7 +118,6 @@ def test_the_joint_test_does_not_depend_on_units():
     assert first.p_value == chance(first.chi2, 5)
 
 
-@pytest.mark.parametrize("seed", SEEDS)
 def test_a_singular_covariance_counts_its_rank(seed: int):
     rng = np.random.default_rng(seed)
     root = rng.standard_normal((5, 3))
@@ -131,7 +126,6 @@ def test_a_singular_covariance_counts_its_rank(seed: int):
     assert within(sum(one.p_value < 0.05 for one in found), TRIALS, 0.05)
 
 
-@pytest.mark.parametrize("seed", SEEDS)
 def test_slope_and_value_err_by_what_they_state_and_have_no_bias(seed: int):
     rng = np.random.default_rng(seed)
     errors: list[tuple[float, float]] = []
@@ -151,7 +145,6 @@ def test_slope_and_value_err_by_what_they_state_and_have_no_bias(seed: int):
     assert 0.8 * BY_CHANCE < beyond / TRIALS < 1.2 * BY_CHANCE
 
 
-@pytest.mark.parametrize("seed", SEEDS)
 def test_where_points_scatter_more_than_stated_the_line_is_scaled(seed: int):
     rng = np.random.default_rng(seed)
     time = np.arange(10.0)
@@ -165,7 +158,6 @@ def test_where_points_scatter_more_than_stated_the_line_is_scaled(seed: int):
     assert float(np.mean(np.square(apart))) == pytest.approx(8 / 6, rel=4 * sqrt(3.5 / TRIALS))
 
 
-@pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("size", [2, 5, 10])
 def test_a_constant_is_found_changed_as_often_as_chance_has_it(seed: int, size: int):
     rng = np.random.default_rng(seed)
@@ -185,7 +177,6 @@ def test_of_two_calibrations_changed_means_that_en_exceeds_one():
         assert said == ("changed" if abs(en) > 1 else "steady")
 
 
-@pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("size", [3, 10])
 def test_of_steady_coefficients_about_one_in_13_is_not_called_so(seed: int, size: int):
     rng = np.random.default_rng(seed)

@@ -1,5 +1,6 @@
 """Programs killed at any moment, and several at once: the register is sound and loses nothing."""
 
+import json
 import os
 import random
 import signal
@@ -19,13 +20,14 @@ from tests.store.generator import DRIFTING, content, write
 from inercal.store import Register
 from inercal.store.address import address_of
 
+FEW = 10
 FILES = 300  # more than are entered before the kills are over
 KILLS = 50
 OF_RUN = 20  # files
-# Forks a writer for each line that it is sent: the number of the file to begin with, and of the
-# statement before which the writer kills itself, 0 for none.
+# Forks a writer for each line that it is sent: the register's address, the folder, the number of
+# the file to begin with, and of the statement before which the writer kills itself, 0 for none.
 WRITER = """
-import os, signal, sys
+import json, os, signal, sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from sqlalchemy import event
@@ -33,22 +35,21 @@ from sqlalchemy.engine import Engine
 from inercal.sensors import Noise, Readout, triad
 from inercal.store import Register, RunFacts
 
-address, folder = sys.argv[1], Path(sys.argv[2])
 sensor = triad("MIMU № 17", "f", "a", Readout(1.0, 0.0, "m/s²"), Noise())
 
 # What is imported when it is first used is there before the first fork.
 with TemporaryDirectory() as warm, Register(f"{warm}/r.db") as register:
-    register.enter_calibration(next(folder.iterdir()))
+    register.enter_calibration(sys.argv[1])
 
 def say(*words):
     # One write, which a kill leaves whole or undone.
     os.write(1, (" ".join(map(str, words)) + "\\n").encode())
 
-def write(first):
+def write(address, folder, first):
     say("writer", os.getpid())
     register = Register(address)
     for k in range(first, 10**6):
-        path = folder / f"{k}.calibration.json"
+        path = Path(folder, f"{k}.calibration.json")
         if not path.exists():
             break
         if k % 2:
@@ -69,12 +70,12 @@ def kill_before(statement):
     event.listen(Engine, "commit", count)
 
 for line in sys.stdin:
-    first, statement = map(int, line.split())
+    address, folder, first, statement = json.loads(line)
     child = os.fork()
     if not child:
         if statement:
             kill_before(statement)
-        write(first)
+        write(address, folder, first)
         os._exit(0)
     say("over", os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
 """
@@ -83,9 +84,9 @@ for line in sys.stdin:
 class Writers:
     """What forks writers, one after the other."""
 
-    def __init__(self, address: str, folder: Path):
+    def __init__(self, folder: Path):
         self._process = subprocess.Popen(
-            [sys.executable, "-c", WRITER, address, str(folder)],
+            [sys.executable, "-c", WRITER, str(folder / "0.calibration.json")],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
@@ -94,10 +95,11 @@ class Writers:
         )
         self.pid = self.status = 0
 
-    def start(self, first: int, statement: int = 0) -> None:
+    def start(self, address: str, folder: Path, first: int = 0, statement: int = 0) -> None:
         """Fork a writer; it may be killed from now on."""
         assert self._process.stdin is not None
-        self._process.stdin.write(f"{first} {statement}\n")
+        line = json.dumps([address, str(folder), first, statement])
+        self._process.stdin.write(f"{line}\n")
         self._process.stdin.flush()
         word, number = self._line()
         assert word == "writer"
@@ -129,14 +131,30 @@ class Writers:
         self._process.stdout.close()
 
 
+def written(folder: Path, count: int) -> Path:
+    """Write so many calibration files into a folder."""
+    rng = np.random.default_rng(1)
+    for k in range(count):
+        write(folder / f"{k}.calibration.json", content(DRIFTING, k / 50, rng))
+    return folder
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Give a folder of many calibration files."""
-    made = tmp_path_factory.mktemp("files")
-    rng = np.random.default_rng(1)
-    for k in range(FILES):
-        write(made / f"{k}.calibration.json", content(DRIFTING, k / 50, rng))
-    return made
+    """Give a folder of a few calibration files."""
+    return written(tmp_path_factory.mktemp("files"), FEW)
+
+
+@pytest.fixture(scope="module")
+def writers(folder: Path) -> Iterator[Writers]:
+    with Writers(folder) as writers:
+        yield writers
+
+
+@pytest.fixture(scope="module")
+def other(folder: Path) -> Iterator[Writers]:
+    with Writers(folder) as writers:
+        yield writers
 
 
 def require_sound(address: str, told: set[tuple[str, int]]) -> None:
@@ -160,89 +178,97 @@ def require_sound(address: str, told: set[tuple[str, int]]) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1])
-def test_fifty_kills_lose_nothing_and_leave_nothing_half(address: str, folder: Path, seed: int):
+def test_fifty_kills_lose_nothing_and_leave_nothing_half(
+    address: str, writers: Writers, tmp_path: Path, seed: int
+):
     rng = random.Random(seed)
+    files = tmp_path / "files"
+    files.mkdir()
+    written(files, FILES)
     told: set[tuple[str, int]] = set()
     first, within = 0, 0
-    with Writers(address, folder) as writers:
-        for _ in range(KILLS):
-            times: list[float] = []
-            timer = Timer(0.0, print)
-            until = rng.randrange(2, 4)
-            writers.start(first)
-            for kind, number, k in writers.told():
-                told.add((kind, number))
-                first = k + 1
-                times.append(monotonic())
-                if len(times) == until:
-                    # As long as the last write took is how long this one will take.
-                    wait = rng.uniform(0.0, 1.2 * (times[-1] - times[-2]))
-                    timer = Timer(wait, os.kill, (writers.pid, signal.SIGKILL))
-                    timer.start()
-            timer.join()
-            assert writers.status == -signal.SIGKILL
-            within += len(times) == until
-            require_sound(address, told)
-        assert within > KILLS // 2
-        # What was in hand when a writer was killed is entered by the next one.
-        writers.start(0)
-        last = [k for _, _, k in writers.told()]
-        assert (writers.status, last) == (0, list(range(FILES)))
+    for _ in range(KILLS):
+        times: list[float] = []
+        timer = Timer(0.0, print)
+        until = rng.randrange(2, 4)
+        writers.start(address, files, first)
+        for kind, number, k in writers.told():
+            told.add((kind, number))
+            first = k + 1
+            times.append(monotonic())
+            if len(times) == until:
+                # As long as the last write took is how long this one will take.
+                wait = rng.uniform(0.0, 1.2 * (times[-1] - times[-2]))
+                timer = Timer(wait, os.kill, (writers.pid, signal.SIGKILL))
+                timer.start()
+        timer.join()
+        assert writers.status == -signal.SIGKILL
+        within += len(times) == until
+        require_sound(address, told)
+    assert within > KILLS // 2
+    # What was in hand when a writer was killed is entered by the next one.
+    writers.start(address, files)
+    last = [k for _, _, k in writers.told()]
+    assert (writers.status, last) == (0, list(range(FILES)))
     require_sound(address, told)
     with Register(address) as register:
         assert len(register.calibrations()) == FILES
         assert len(register.runs()) == FILES // 2
 
 
-def test_a_kill_before_any_statement_of_a_write_leaves_all_or_nothing(address: str, tmp_path: Path):
+def test_a_kill_before_any_statement_of_a_write_leaves_all_or_nothing(
+    address: str, writers: Writers, tmp_path: Path
+):
     files = tmp_path / "files"
     files.mkdir()
-    write(files / "0.calibration.json", content(DRIFTING, 0.0, np.random.default_rng(1)))
+    written(files, 1)
     outcomes: list[bool] = []
     Register(address).close()
-    with Writers(address, files) as writers:
-        while not outcomes or writers.status:
-            writers.start(0, len(outcomes) + 1)
-            told = list(writers.told())
-            assert writers.status in (0, -signal.SIGKILL)
-            assert not (told and writers.status)
-            with Register(address) as register:
-                runs, calibrations = register.runs(), register.calibrations()
-                assert len(runs) == len(calibrations) == len(register.sensors())
-                for one in calibrations:
-                    assert len(register.coefficients(one.id)) == 24
-                assert all(len(one.files) == OF_RUN for one in runs)
-            outcomes.append(bool(runs))
-            assert len(outcomes) < 200
+    while not outcomes or writers.status:
+        writers.start(address, files, statement=len(outcomes) + 1)
+        told = list(writers.told())
+        assert writers.status in (0, -signal.SIGKILL)
+        assert not (told and writers.status)
+        with Register(address) as register:
+            runs, calibrations = register.runs(), register.calibrations()
+            assert len(runs) == len(calibrations) == len(register.sensors())
+            for one in calibrations:
+                assert len(register.coefficients(one.id)) == 24
+            assert all(len(one.files) == OF_RUN for one in runs)
+        outcomes.append(bool(runs))
+        assert len(outcomes) < 200
     assert outcomes == [False] * (len(outcomes) - 1) + [True]
     assert len(outcomes) > 20
 
 
-def test_two_programs_enter_the_same_at_once_and_it_is_there_once(address: str, folder: Path):
+def test_two_programs_enter_the_same_at_once_and_it_is_there_once(
+    address: str, folder: Path, writers: Writers, other: Writers
+):
     # Nobody made the register before: both come to make its tables.
-    with Writers(address, folder) as one, Writers(address, folder) as other:
-        one.start(FILES - 20)
-        other.start(FILES - 20)
-        first, second = list(one.told()), list(other.told())
-        assert (one.status, other.status) == (0, 0)
-    assert len(first) == 20
+    writers.start(address, folder)
+    other.start(address, folder)
+    first, second = list(writers.told()), list(other.told())
+    assert (writers.status, other.status) == (0, 0)
+    assert len(first) == FEW
     assert first == second
     require_sound(address, {(kind, number) for kind, number, _ in first})
     with Register(address) as register:
-        assert len(register.calibrations()) == 20
-        assert len(register.runs()) == 10
+        assert len(register.calibrations()) == FEW
+        assert len(register.runs()) == FEW // 2
 
 
-def test_who_reads_sees_whole_calibrations_while_another_writes(address: str, folder: Path):
+def test_who_reads_sees_whole_calibrations_while_another_writes(
+    address: str, folder: Path, writers: Writers
+):
     seen = [0]
-    with Writers(address, folder) as writers, Register(address) as register:
-        writers.start(FILES - 20)
+    with Register(address) as register:
+        writers.start(address, folder)
         for _ in writers.told():
             found = register.calibrations()
             assert all(len(register.coefficients(one.id)) == 24 for one in found[-2:])
             seen.append(len(found))
     assert seen == sorted(seen)
-    assert seen[-1] == 20
+    assert seen[-1] == FEW
 
 
 def test_a_server_that_breaks_off_between_two_writes_is_reached_again(database: str, folder: Path):

@@ -181,19 +181,21 @@ NAMES = (
 )
 
 
-@pytest.mark.parametrize("name", NAMES, ids=range(len(NAMES)))
-def test_names_of_all_kinds_come_back_as_they_were(address: str, tmp_path: Path, name: str):
+def test_names_of_all_kinds_come_back_as_they_were(address: str, tmp_path: Path):
     written = made()
-    written["sensor"]["name"] = name
-    path = write(tmp_path / "a.calibration.json", hashed(written))
-    with Register(address, by=name) as register:
-        register.enter_calibration(path)
-        register.enter_run(facts(bench=name, folder=name, files={name: (1, "ab")}))
-        assert register.sensor(name).name == name
-        assert register.calibration(1).calibration.sensor.name == name
-        assert register.history(name).sensor.by == name
-        (run,) = register.runs()
-        assert (run.bench, run.folder, run.files[0].name) == (name, name, name)
+    for name in NAMES:
+        written["sensor"]["name"] = name
+        path = write(tmp_path / "a.calibration.json", hashed(written))
+        run = facts(key=name, bench=name, folder=name, files={name: (1, "ab")})
+        with Register(address, by=name) as register:
+            number = register.enter_calibration(path)
+            register.enter_run(run)
+            assert register.sensor(name).name == name
+            assert register.calibration(number).calibration.sensor.name == name
+            assert register.history(name).sensor.by == name
+    with Register(address) as register:
+        for name, run in zip(NAMES, register.runs(), strict=True):
+            assert (run.bench, run.folder, run.files[0].name) == (name, name, name)
 
 
 def test_a_folder_of_all_kinds_of_characters_holds_a_register(tmp_path: Path):

@@ -126,7 +126,6 @@ class BenchRun:
         self._bench, self._poll = bench, journal.header().poll
         self._commands: list[Command] = []
         self._shown, self._waits = 0.0, True
-        self._packets = 0, 0.0
         layout = layout_of_address(addresses.imu)
         carried = {field.role for frame in layout.frames for field in frame.fields}
         if options.temperature is not None and "temperature" not in carried:
@@ -151,6 +150,7 @@ class BenchRun:
             opened.callback(self._imu.close)
             self._opened = opened.pop_all()
         self.time, self._next = tick.time, tick.time + self._poll
+        self._packets = 0, tick.time
         self._since = monotonic(), tick.time
         self._over: float | None = None
 

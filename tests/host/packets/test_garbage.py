@@ -17,7 +17,7 @@ BITS = {"fixed": 16, "vn100": 16, "witmotion": 16, "xsens": 8}
 
 @pytest.mark.parametrize("name", PRESETS)
 def test_random_bytes_raise_nothing(name: str):
-    data = np.random.default_rng(4).integers(0, 256, 40 * N, np.uint8).tobytes()
+    data = np.random.default_rng(4).integers(0, 256, 4 * N, np.uint8).tobytes()
     packets, counts = fed(read_layout(name), data)
     assert len(packets) == 0
     assert len(data) - 4096 <= counts.thrown <= len(data)

@@ -57,7 +57,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Whole:
 
 def seeded(order: Order) -> Going:
     """Start a run on a bench that is the same whenever this is tested."""
-    return Going(replace(order, seed=3, speed=20.0))
+    return Going(replace(order, seed=3, speed=50.0))
 
 
 def send_nonsense(served: Served) -> None:
