@@ -201,7 +201,7 @@ def _compare(
     # of them at rest, until all axes have been up.
     early = len(steps) // 4
     assert off[2 * early :].max() < 0.25
-    assert found.std[early : len(steps)] == pytest.approx(sd[early:], rel=0.02)
+    np.testing.assert_allclose(found.std[early : len(steps)], sd[early:], rtol=0.02)
 
 
 @pytest.mark.parametrize("kind", [Gyros, Accelerometers])
