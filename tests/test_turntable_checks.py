@@ -29,7 +29,7 @@ for up, there in UP.items():
     DISCRETE += [(up, there, 60.0), (f"{up}+", 0, 1080.0, 30.0), (f"{up}-", 0, -1080.0, 30.0)]
 FAST = [WARM, *tt.positions(), *tt.turns(1080, 30, back=True)]
 PATHS = {"paper": tt.whole(), "fast": FAST, "discrete": DISCRETE}
-# What costs a fit of all orders and signs each: the third path is of the first one's steps.
+# Each refusal tries all orders and signs; "fast" has the steps of "paper".
 FITTED = ["paper", pytest.param("fast", marks=pytest.mark.slow), "discrete"]
 HZ = 40.0
 

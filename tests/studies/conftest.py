@@ -32,7 +32,7 @@ def two_devices() -> trials.Trials:
 
 @pytest.fixture(scope="session")
 def turntable(two_devices: trials.Trials) -> Study:
-    """Return the fourth study as of these two; nothing but numbers hang on how many there are."""
+    """Return the fourth study of these two; six decide some verdicts, in a slow test."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(trials, "run", lambda devices, seed, say: two_devices)
         return reproduce("turntable", trials=400, seed=1)
