@@ -36,6 +36,12 @@ def unlike(
     return run
 
 
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory, made: Recording) -> Outcome:
+    """Return what it is calibrated to where nothing is mistaken."""
+    return calibrate(unlike(tmp_path_factory.mktemp("sound"), made))
+
+
 def warned(outcome: Outcome, words: str) -> str:
     """Return the only warning that has these words."""
     (found,) = [f for f in outcome.findings if f.severity == "warning" and words in f.message]
@@ -106,12 +112,12 @@ def test_a_latency_far_from_what_is_stated_is_told(tmp_path: Path, made: Recordi
     assert said.endswith("look at [bench] latency")
 
 
-def test_a_lean_far_from_what_is_stated_is_told(tmp_path: Path, made: Recording):
+def test_a_lean_far_from_what_is_stated_is_told(tmp_path: Path, plain: Outcome):
     run = run_of(tmp_path, ('lean = "5 ″"', 'lean = "30 ″"'))
     leant = named_as_in(run, simulate(run, 4))
     outcome = calibrate(unlike(tmp_path, leant))
     assert any("lean of the base" in f.message for f in outcome.findings)
-    assert not any(f.what == "bench" for f in calibrate(unlike(tmp_path, made)).findings)
+    assert not any(f.what == "bench" for f in plain.findings)
 
 
 def test_innovations_twice_as_large_as_stated_are_not_relied_on(tmp_path: Path, made: Recording):
@@ -135,7 +141,12 @@ def reversed_(one: Recording, *names: str) -> Recording:
     ],
 )
 def test_advice_on_columns_can_be_followed_to_the_letter(
-    tmp_path: Path, made: Recording, names: tuple[str, ...], key: str, stated: str
+    tmp_path: Path,
+    made: Recording,
+    plain: Outcome,
+    names: tuple[str, ...],
+    key: str,
+    stated: str,
 ):
     run = unlike(tmp_path, made, change=lambda one: reversed_(one, *names))
     with pytest.raises(InputError, match="they fit with") as caught:
@@ -143,9 +154,8 @@ def test_advice_on_columns_can_be_followed_to_the_letter(
     advice = re.search(rf"\[data\] {key} = (\[[^]]*\])", str(caught.value))
     assert advice is not None
     mended = run_of(tmp_path, (f"{key} = {stated}", f"{key} = {advice[1]}"))
-    plain = calibrate(unlike(tmp_path / "..", made)).calibration.values
     found = calibrate(replace(mended, path=run.path)).calibration.values
-    np.testing.assert_allclose(found, plain, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(found, plain.calibration.values, rtol=1e-6, atol=1e-9)
 
 
 def test_a_simulation_writes_reversed_columns_as_the_run_file_reads_them(tmp_path: Path):
@@ -300,12 +310,12 @@ def test_a_recording_that_was_cut_lacks_steps_of_its_path(
     ],
 )
 def test_labels_that_are_not_the_plans_are_told(
-    tmp_path: Path, made: Recording, old: str, new: str, words: str
+    tmp_path: Path, made: Recording, plain: Outcome, old: str, new: str, words: str
 ):
     outcome = calibrate(unlike(tmp_path, made, change=relabelled(old, new)))
     told = [f.message for f in outcome.findings if f.what == "label"]
     assert any(re.search(words, text) for text in told)
-    assert not any(f.what in ("label", "path") for f in calibrate(unlike(tmp_path, made)).findings)
+    assert not any(f.what in ("label", "path") for f in plain.findings)
 
 
 def test_accelerometers_a_fifth_too_large_are_asked_about(tmp_path: Path, made: Recording):

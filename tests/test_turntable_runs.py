@@ -14,7 +14,7 @@ from inercal.cli.app import app, main
 from inercal.design.on_turntable import worksheet
 from inercal.errors import InercalError, InputError, NotObserved
 from inercal.io.write import write_recording
-from inercal.pipeline import apply, calibrate, named_as_in, simulate
+from inercal.pipeline import Outcome, apply, calibrate, named_as_in, simulate
 from inercal.plan import Position, Rotation
 from inercal.recording import Recording
 from inercal.report import write_report
@@ -50,6 +50,20 @@ def recorded(
     return run
 
 
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with the example's recording."""
+    made = tmp_path_factory.mktemp("example")
+    recorded(run_of(made))
+    return made
+
+
+@pytest.fixture(scope="module")
+def plain(folder: Path) -> Outcome:
+    """Return what that recording is calibrated to."""
+    return calibrate(run_of(folder))
+
+
 def truth(run: Run) -> np.ndarray:
     return np.array([run.truth[name] for name in run.sensor.coefficients])
 
@@ -65,9 +79,8 @@ def test_the_truth_lies_within_u_about_19_times_in_20(tmp_path: Path):
     assert 0.75 < np.sqrt(np.mean(np.square(off))) < 1.15
 
 
-def test_steps_are_found_with_their_labels(tmp_path: Path):
-    run = recorded(run_of(tmp_path))
-    outcome = calibrate(run)
+def test_steps_are_found_with_their_labels(tmp_path: Path, plain: Outcome):
+    run, outcome = run_of(tmp_path), plain
     assert outcome.observations.labels == tuple(step.label for step in run.steps)
     for done, asked in zip(outcome.steps, run.steps, strict=True):
         assert isinstance(done, Position | Rotation)
@@ -111,11 +124,13 @@ def modulo(made: Recording) -> Recording:
     ids=["modulo a turn", "in rad", "other names", "names by default"],
 )
 def test_the_result_does_not_depend_on_how_the_readback_is_written(
-    tmp_path: Path, changes: tuple[Change, ...], change: Callable[[Recording], Recording]
+    tmp_path: Path,
+    plain: Outcome,
+    changes: tuple[Change, ...],
+    change: Callable[[Recording], Recording],
 ):
-    plain = calibrate(recorded(run_of(tmp_path))).calibration
     other = calibrate(recorded(run_of(tmp_path, *changes), change=change)).calibration
-    np.testing.assert_allclose(other.values, plain.values, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(other.values, plain.calibration.values, rtol=1e-6, atol=1e-9)
 
 
 def test_lost_samples_cost_little(tmp_path: Path):
@@ -129,10 +144,8 @@ def test_lost_samples_cost_little(tmp_path: Path):
     assert 7 < error @ np.linalg.solve(made.covariance, error) < 51  # 0.1 % points of χ²
 
 
-def test_a_calibration_corrects_its_own_recording(tmp_path: Path):
-    run = recorded(run_of(tmp_path))
-    outcome = calibrate(run)
-    corrected = apply(outcome.calibration, run)
+def test_a_calibration_corrects_its_own_recording(folder: Path, plain: Outcome):
+    corrected = apply(plain.calibration, run_of(folder))
     force = np.linalg.norm(corrected.data[500:2500, :3].mean(axis=0))
     assert force == pytest.approx(9.80123, abs=1e-3)
     assert corrected.channels == ("fx", "fy", "fz", "wx", "wy", "wz")
@@ -204,10 +217,9 @@ def test_a_table_that_never_rests_is_refused(tmp_path: Path):
         ('"turntable_kalman"\npath', '"ferraris"\npath', "method ferraris takes 'hand'"),
     ],
 )
-def test_run_files_that_cannot_be_are_refused(tmp_path: Path, old: str, new: str, words: str):
-    recorded(run_of(tmp_path))
+def test_run_files_that_cannot_be_are_refused(folder: Path, old: str, new: str, words: str):
     with pytest.raises(InputError, match=words) as refusal:
-        calibrate(run_of(tmp_path, (old, new)))
+        calibrate(run_of(folder, (old, new)))
     assert "\n" not in str(refusal.value)
 
 
@@ -218,13 +230,13 @@ def test_a_path_in_a_run_by_hand_is_refused(tmp_path: Path):
         read(tmp_path / "run.toml")
 
 
-def test_a_plan_says_what_the_calibration_then_states(tmp_path: Path):
-    run = recorded(run_of(tmp_path))
+def test_a_plan_says_what_the_calibration_then_states(tmp_path: Path, plain: Outcome):
+    run = run_of(tmp_path)
     sheet = worksheet(run)
     assert sheet.undecided == ()
     assert sheet.seconds == pytest.approx(236, abs=0.5)
     assert [row.step.label for row in sheet.rows] == [step.label for step in run.steps]
-    stated = calibrate(run).calibration.std
+    stated = plain.calibration.std
     np.testing.assert_allclose([one.std for one in sheet.expected], stated, rtol=0.03)
 
 

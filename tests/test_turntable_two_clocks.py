@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 from tests.accuracy import turntable as tt
 from tests.methods.turntable_cases import truth as drawn_truth
 from tests.runfile.texts import changed
@@ -50,14 +51,27 @@ def gaining(files: Files) -> Files:
     return {**files, "table.npz": replace(table, time=table.time * (1 + DRIFT))}
 
 
-def recorded(run: Run, seed: int = 0, change: Callable[[Files], Files] = lossy) -> Run:
-    made = change(simulate_files(run, seed))
-    write_recordings({run.file(name): one for name, one in made.items()})
+def written(run: Run, files: Files) -> Run:
+    write_recordings({run.file(name): one for name, one in files.items()})
     return run
 
 
-def truth(run: Run) -> np.ndarray:
-    return np.array([run.truth.get(name, 0.0) for name in run.sensor.coefficients])
+def recorded(run: Run, seed: int = 0, change: Callable[[Files], Files] = lossy) -> Run:
+    return written(run, change(simulate_files(run, seed)))
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Files:
+    """Return what the example records, nothing lost."""
+    return simulate_files(run_of(tmp_path_factory.mktemp("plain"), *NPZ))
+
+
+@pytest.fixture(scope="module")
+def texts(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with the example's recording as text."""
+    folder = tmp_path_factory.mktemp("texts")
+    recorded(run_of(folder), change=lambda files: files)
+    return folder
 
 
 def test_offset_and_drift_are_found_and_told(tmp_path: Path):
@@ -78,10 +92,9 @@ def test_offset_and_drift_are_found_and_told(tmp_path: Path):
     assert len(outcome.calibration.provenance["readback sha256"]) == 64
 
 
-def test_lost_packets_are_gaps_that_a_finding_counts(tmp_path: Path):
-    run = recorded(run_of(tmp_path, *NPZ))
-    sent = simulate_files(run)["imu.npz"].time.size
-    outcome = calibrate(recorded(run))
+def test_lost_packets_are_gaps_that_a_finding_counts(tmp_path: Path, plain: Files):
+    sent = plain["imu.npz"].time.size
+    outcome = calibrate(written(run_of(tmp_path, *NPZ), lossy(plain)))
     assert outcome.recording is not None
     lost = sent - outcome.recording.time.size
     assert lost > 10
@@ -92,8 +105,7 @@ def test_lost_packets_are_gaps_that_a_finding_counts(tmp_path: Path):
 
 def test_two_clocks_give_what_one_gives(tmp_path: Path):
     """Within a part of the uncertainty: the noise of the readback is another, and packets miss."""
-    off: list[np.ndarray] = []
-    for seed in range(6):
+    for seed in range(2):
         two = run_of(tmp_path, *NPZ)
         one = run_of(
             tmp_path,
@@ -111,9 +123,6 @@ def test_two_clocks_give_what_one_gives(tmp_path: Path):
         np.testing.assert_allclose(made.std, same.std, rtol=0.01)
         apart = (made.values - same.values) / same.std
         assert np.sqrt(np.mean(apart**2)) < 0.3
-        off.append((made.values - truth(two)) / made.std)
-    assert 0.9 <= np.mean(np.abs(off) < 2) <= 1.0
-    assert 0.7 < np.sqrt(np.mean(np.square(off))) < 1.15
 
 
 DENSE = 10
@@ -150,7 +159,7 @@ def generated(seed: int) -> tuple[tt.Draw, Files]:
 
 
 def test_of_an_independent_generator_errors_are_as_large_as_stated(tmp_path: Path):
-    run, seeds = run_of(tmp_path, *NPZ, *UNITS), range(1, 7)
+    run, seeds = run_of(tmp_path, *NPZ, *UNITS), range(1, 4)
     total = 0.0
     for seed in seeds:
         made, files = generated(seed)
@@ -158,7 +167,8 @@ def test_of_an_independent_generator_errors_are_as_large_as_stated(tmp_path: Pat
         found = calibrate(run).calibration
         error = found.values - drawn_truth(made, found.sensor.coefficients)[0]
         total += error @ np.linalg.solve(found.covariance, error)
-    assert 97 < total < 202  # 0.1 % points of χ² with 144 degrees of freedom
+    freedom = 24 * len(seeds)
+    assert chi2.ppf(1e-3, freedom) < total < chi2.ppf(1 - 1e-3, freedom)
 
 
 def test_without_labels_the_plan_names_the_steps(tmp_path: Path):
@@ -167,8 +177,8 @@ def test_without_labels_the_plan_names_the_steps(tmp_path: Path):
     assert labels == tuple(step.label for step in run.steps)
 
 
-def test_a_calibration_corrects_the_recording_alone(tmp_path: Path):
-    run = recorded(run_of(tmp_path, *NPZ))
+def test_a_calibration_corrects_the_recording_alone(tmp_path: Path, plain: Files):
+    run = written(run_of(tmp_path, *NPZ), lossy(plain))
     corrected = apply(calibrate(run).calibration, run)
     assert np.linalg.norm(corrected.data[500:2500, :3].mean(axis=0)) == pytest.approx(9.8, abs=2e-3)
     assert not corrected.readback
@@ -246,9 +256,9 @@ def without(first: float, last: float) -> Callable[[Recording], Recording]:
     ids=["back", "nan", "inf", "gap", "short", "late", "half", "reversed", "slow", "few"],
 )
 def test_a_readback_that_does_not_go_with_the_readings_is_refused(
-    tmp_path: Path, change: Callable[[Recording], Recording], words: str
+    tmp_path: Path, plain: Files, change: Callable[[Recording], Recording], words: str
 ):
-    refused(recorded(run_of(tmp_path, *NPZ), 0, on_table(change)), words)
+    refused(written(run_of(tmp_path, *NPZ), on_table(change)(plain)), words)
 
 
 @pytest.mark.parametrize(
@@ -268,10 +278,10 @@ def test_a_readback_that_does_not_go_with_the_readings_is_refused(
     ids=["still", "rad", "exchanged", "reversed"],
 )
 def test_columns_and_units_of_the_readback_are_named_as_in_one_file(
-    tmp_path: Path, change: Callable[[Recording], Recording], words: str
+    tmp_path: Path, plain: Files, change: Callable[[Recording], Recording], words: str
 ):
     with pytest.raises(InputError, match=words) as refusal:
-        calibrate(recorded(run_of(tmp_path, *NPZ), 0, on_table(change)))
+        calibrate(written(run_of(tmp_path, *NPZ), on_table(change)(plain)))
     assert "\n" not in str(refusal.value)
 
 
@@ -315,12 +325,9 @@ def test_a_file_of_the_readback_that_cannot_be_read_is_refused(tmp_path: Path):
         ((('rate = "100 Hz"\n', ""),), r"\[data\] rate is missing"),
     ],
 )
-def test_run_files_that_cannot_be_are_refused(
-    tmp_path: Path, changes: tuple[Change, ...], words: str
-):
-    recorded(run_of(tmp_path), change=lambda files: files)
+def test_run_files_that_cannot_be_are_refused(texts: Path, changes: tuple[Change, ...], words: str):
     with pytest.raises(InputError, match=words) as refusal:
-        calibrate(run_of(tmp_path, *changes))
+        calibrate(run_of(texts, *changes))
     assert "\n" not in str(refusal.value)
 
 
@@ -328,12 +335,12 @@ def test_run_files_that_cannot_be_are_refused(
     ("order", "words"),
     [([0, 1, 2, 2, 3], "2 at sample 3 comes twice"), ([0, 1, 3, 2, 4], "packets out of order")],
 )
-def test_packets_twice_or_out_of_order_are_refused(tmp_path: Path, order: list[int], words: str):
-    def shuffled(files: Files) -> Files:
-        imu = files["imu.npz"]
-        return {**files, "imu.npz": imu.take(np.r_[order, 5 : imu.time.size])}
-
-    run = recorded(run_of(tmp_path, *NPZ), 0, shuffled)
+def test_packets_twice_or_out_of_order_are_refused(
+    tmp_path: Path, plain: Files, order: list[int], words: str
+):
+    imu = plain["imu.npz"]
+    shuffled = {**plain, "imu.npz": imu.take(np.r_[order, 5 : imu.time.size])}
+    run = written(run_of(tmp_path, *NPZ), shuffled)
     with pytest.raises(InputError, match=f"imu.npz: counter: .*{words}"):
         calibrate(run)
 

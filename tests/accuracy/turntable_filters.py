@@ -60,6 +60,19 @@ def kron(mat: Array, u: Array) -> Array:
     return (mat[..., :, :, None] * u[..., None, None, :]).reshape(*mat.shape[:-2], 3, 9)
 
 
+def strapdown(c: Array, w: Array, earth: Array, hz: float) -> tuple[Array, Array, Array]:
+    """Return attitudes where each of n steps begins, half way, (trials, n, 3, 3), and at the end.
+
+    From C, (trials, 3, 3), at rates w, (trials, n, 3).
+    """
+    whole, back = turn(w / hz), turn(-earth / hz)
+    begun = np.empty_like(whole)
+    for k in range(w.shape[1]):
+        begun[:, k] = c
+        c = back @ c @ whole[:, k]
+    return begun, turn(-earth / (2 * hz)) @ begun @ turn(w / (2 * hz)), c
+
+
 def gyro(
     made: Draw,
     states: int = 19,
@@ -69,7 +82,7 @@ def gyro(
     every: int = 10,
     steps: list[Step] | None = None,
 ) -> Done:
-    """Return bias and S of the gyros: 15, 19 or 28 states.
+    """Return bias and S of the gyros: 15 or 19 states.
 
     At rest, and about an axis that does not turn, ω̂ is the earth's rate, as inercal has it: φ walks
     by the readings' noise, and F is to be free of it.
@@ -79,14 +92,11 @@ def gyro(
     trials, n = len(made.rates), states
     earth = EARTH * np.array([0, np.cos(table.latitude), np.sin(table.latitude)])
     bias = made.rates[:, : round(20 * hz)].mean(1) - earth  # the table at rest in its zero
-    s, by_g = np.zeros((trials, 3, 3)), np.zeros((trials, 3, 3))
-    gm, late = np.zeros((trials, 3)), np.zeros(trials)
+    s, gm, late = np.zeros((trials, 3, 3)), np.zeros((trials, 3)), np.zeros(trials)
     sd = np.zeros(n)
     sd[:3], sd[3:6], sd[6:15] = 60 * ARCSEC, radians(1), 0.02
-    if n >= 19:
+    if n == 19:
         sd[15:18], sd[18] = grade.gyro_drift, 5e-3
-    if n == 28:
-        sd[19:] = 1e-3 / G
     p = np.tile(np.diag(sd**2), (trials, 1, 1))
     r = (10 if n == 15 else 4) * ARCSEC
     rates, angles, labels = made.rates[:, part], made.angles[:, part], made.labels[part]
@@ -95,26 +105,20 @@ def gyro(
     c, dt = attitude(angles[:, 0]), every / hz
     nis, count = np.zeros(trials), 0
     for k in range(1, rates.shape[1] - every + 1, every):
-        m, drive, w = np.linalg.inv(np.eye(3) + s), np.zeros((trials, 3, n)), np.zeros((trials, 3))
-        for j in range(k, k + every):
-            f = table.gravity * c[:, 2, :]
-            wrong = bias + gm + (by_g @ f[..., None])[..., 0]
-            mean = 0.5 * (rates[:, j] + rates[:, j - 1]) + between[:, j]
-            w = (m @ (mean - wrong)[..., None])[..., 0]
-            half = turn(-earth / (2 * hz)) @ c @ turn(w / (2 * hz))
-            cm, around = half @ m, (c.swapaxes(1, 2) @ earth[:, None])[..., 0]
-            idle = still[j] | ((w - around) ** 2 / hz < IDLE * grade.arw**2)
-            felt = np.where(idle, around, w)
-            drive[:, :, 3:6] -= cm / hz
-            drive[:, :, 6:15] -= kron(cm, felt) / hz
-            if n == 28:
-                drive[:, :, 19:] -= kron(cm, f) / hz
-            c = turn(-earth / hz) @ c @ turn(w / hz)
+        m, drive = np.linalg.inv(np.eye(3) + s), np.zeros((trials, 3, n))
+        now, last = slice(k, k + every), slice(k - 1, k + every - 1)
+        mean = 0.5 * (rates[:, now] + rates[:, last]) + between[:, now]
+        w = (mean - (bias + gm)[:, None]) @ m.swapaxes(1, 2)
+        begun, half, c = strapdown(c, w, earth, hz)
+        cm, around = half @ m[:, None], begun.swapaxes(2, 3) @ earth
+        idle = still[now, None] | ((w - around) ** 2 / hz < IDLE * grade.arw**2)
+        drive[:, :, 3:6] = -cm.sum(1) / hz
+        drive[:, :, 6:15] = -kron(cm, np.where(idle, around, w)).sum(1) / hz
         phi, q = np.tile(np.eye(n), (trials, 1, 1)), np.zeros((n, n))
         phi[:, :3, :3] = np.eye(3) - cross(earth) * dt
         phi[:, :3, 3:] += drive[:, :, 3:]
         q[:3, :3] = grade.arw**2 * dt * np.eye(3)
-        if n >= 19:
+        if n == 19:
             kept = np.exp(-dt / grade.correlation)
             phi[:, :3, 15:18] = drive[:, :, 3:6]
             phi[:, 15:18, 15:18] = kept * np.eye(3)
@@ -124,9 +128,9 @@ def gyro(
         h = np.zeros((trials, 3, n))
         h[:, :, :3] = np.eye(3)
         z = small(attitude(angles[:, k + every - 1]) @ c.swapaxes(1, 2))
-        if n >= 19:
+        if n == 19:
             # The readback is late: it says where the table was.
-            h[:, :, 18] = earth - (c @ w[..., None])[..., 0]
+            h[:, :, 18] = earth - (c @ w[:, -1, :, None])[..., 0]
             z = z - h[:, :, 18] * late[:, None]
         ahead = p
         x, p, one = update(p, h, z, r**2 * np.eye(3))
@@ -135,10 +139,8 @@ def gyro(
         nis, count = nis + one, count + 3
         c = turn(x[:, :3]) @ c
         bias, s = bias + x[:, 3:6], s + x[:, 6:15].reshape(-1, 3, 3)
-        if n >= 19:
+        if n == 19:
             gm, late = gm + x[:, 15:18], late + x[:, 18]
-        if n == 28:
-            by_g = by_g + x[:, 19:].reshape(-1, 3, 3)
     theta = np.concatenate([bias, s.reshape(-1, 9)], axis=1)
     return Done(theta, p[:, 3:15, 3:15], nis / count)
 
@@ -222,17 +224,15 @@ def accelerometer(
             steps.append((np.tile(np.diag(keep), (trials, 1, 1)), p, p, np.zeros((trials, n))))
         for k in range(1, len(at) - every + 1, every):
             m, drive = np.linalg.inv(np.eye(3) + s), np.zeros((trials, 3, n))
-            push = np.zeros((trials, 3))
-            for j in at[k : k + every]:
-                w = 0.5 * (turning[:, j] + turning[:, j - 1])
-                mean = 0.5 * (made.forces[:, j] + made.forces[:, j - 1])
-                f = (m @ (mean - bias - gm)[..., None])[..., 0]
-                half = turn(-earth / (2 * hz)) @ c @ turn(w / (2 * hz))
-                cm = half @ m
-                drive[:, :, 6:9] += cm / hz
-                drive[:, :, 9:18] += kron(cm, f) / hz
-                push += ((half @ f[..., None])[..., 0] - g) / hz
-                c = turn(-earth / hz) @ c @ turn(w / hz)
+            now, last = at[k : k + every], at[k - 1 : k + every - 1]
+            w = 0.5 * (turning[:, now] + turning[:, last])
+            mean = 0.5 * (made.forces[:, now] + made.forces[:, last])
+            f = (mean - (bias + gm)[:, None]) @ m.swapaxes(1, 2)
+            _, half, c = strapdown(c, w, earth, hz)
+            cm = half @ m[:, None]
+            drive[:, :, 6:9] = cm.sum(1) / hz
+            drive[:, :, 9:18] = kron(cm, f).sum(1) / hz
+            push = ((half @ f[..., None])[..., 0] - g).sum(1) / hz
             v = v + push
             phi, q = np.tile(np.eye(n), (trials, 1, 1)), np.zeros((n, n))
             phi[:, :3, :3] = np.eye(3) - 2 * cross(earth) * dt

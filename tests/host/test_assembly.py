@@ -57,7 +57,8 @@ def taken(run: Run, logged: list[Frame], cuts: "list[int] | None" = None) -> tup
 
 def schedules(n: int) -> Iterator[list[int]]:
     rng = np.random.default_rng(5)
-    yield list(range(1, n))
+    # One by one about the outage.
+    yield [*range(20, n // 3, 20), *range(n // 3, 2 * n // 3), *range(2 * n // 3, n, 20)]
     for pieces in (3, 40, 1500):
         yield np.sort(rng.choice(np.arange(1, n), pieces, replace=False)).tolist()
 

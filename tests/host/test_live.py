@@ -76,7 +76,7 @@ def test_live_is_the_recordings_calibration_to_the_last_bit(
 ):
     run = read(folder / "mimu.toml", {"estimator": estimator})
     rng = np.random.default_rng(4)
-    cuts = np.sort(rng.choice(np.arange(1, len(logged)), 500, replace=False)).tolist()
+    cuts = np.sort(rng.choice(np.arange(1, len(logged)), 150, replace=False)).tolist()
     live = followed(run, logged, cuts)
     stored = by_recording(run)
     for kind, found in live.found.items():

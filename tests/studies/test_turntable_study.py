@@ -11,18 +11,13 @@ import pytest
 from numpy.typing import NDArray
 
 from inercal.benches.turntable_paths import paper
-from inercal.studies import Study, write_study
+from inercal.studies import Study, reproduce, write_study
 from inercal.studies.turntable import accuracy, duration, experiment, score, trials
 from inercal.studies.turntable.experiment import SENSOR, TABLE, Case, simulate
 from inercal.studies.turntable.filters import Found, Trace
 
 Array = NDArray[np.float64]
 SHORT = paper(25.0)[1:4]
-
-
-@pytest.fixture(scope="module")
-def found() -> trials.Trials:
-    return trials.run(2, 7, lambda _: None)
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +66,7 @@ def test_sensitive_gyros_feel_what_accelerometers_do(case: Case):
     added = (felt.track.reading - case.track.reading)[:, 3:]
     assert np.array_equal(felt.track.reading[:, :3], case.track.reading[:, :3])
     mat = np.linalg.lstsq(case.motion.f, added, rcond=None)[0]
-    assert added == pytest.approx(case.motion.f @ mat, abs=1e-12)
+    np.testing.assert_allclose(added, case.motion.f @ mat, rtol=1e-6, atol=1e-12)
 
 
 # Figures
@@ -107,8 +102,11 @@ def test_paths_take_what_the_note_says():
     assert lasting["discrete"] == pytest.approx(19, abs=0.5)
 
 
-def test_traces_end_near_what_is_found(found: trials.Trials):
-    for one in (found.gyros["full, whole recording"][0], found.accelerometers["full"][0]):
+def test_traces_end_near_what_is_found(two_devices: trials.Trials):
+    for one in (
+        two_devices.gyros["full, whole recording"][0],
+        two_devices.accelerometers["full"][0],
+    ):
         assert one.trace is not None
         sd = np.sqrt(np.diagonal(one.covariance))
         assert one.trace.std[-1] == pytest.approx(sd, rel=0.1)
@@ -119,32 +117,40 @@ def test_traces_end_near_what_is_found(found: trials.Trials):
 
 
 def test_verdicts_on_what_is_printed(turntable: Study):
-    missed, lost = "not reproducible", "false"
-    verdicts = of_section(turntable, "accuracy")
-    assert verdicts == [missed, lost, verdicts[2], *["reproduced"] * 5]
+    assert of_section(turntable, "accuracy")[3:] == ["reproduced"] * 5
 
 
 def test_verdicts_on_the_time(turntable: Study):
-    assert of_section(turntable, "time")[:3] == ["reproduced", "not reproducible", "false"]
+    assert of_section(turntable, "time")[:2] == ["reproduced", "not reproducible"]
 
 
-def test_18_states_are_too_sure_and_full_is_not(turntable: Study, found: trials.Trials):
-    assert of_section(turntable, "states")[1] == "false"
-    assert score.nees(found.accelerometers["18 states"]).value > 5
-    for runs in (found.accelerometers["full"], found.gyros["full, whole recording"]):
+@pytest.mark.slow
+def test_verdicts_that_two_devices_leave_open_are_decided_by_six():
+    six = reproduce("turntable", trials=400, seed=1)
+    missed, lost = "not reproducible", "false"
+    verdicts = of_section(six, "accuracy")
+    assert verdicts == [missed, lost, verdicts[2], *["reproduced"] * 5]
+    assert of_section(six, "time")[:3] == ["reproduced", missed, lost]
+    assert of_section(six, "states")[1] == lost
+    assert of_section(six, "failures") == [lost] * 4
+
+
+def test_18_states_are_too_sure_and_full_is_not(two_devices: trials.Trials):
+    assert score.nees(two_devices.accelerometers["18 states"]).value > 5
+    for runs in (two_devices.accelerometers["full"], two_devices.gyros["full, whole recording"]):
         assert 0.3 < score.nees(runs).value < 2.2
 
 
-def test_what_fails_is_said(turntable: Study, found: trials.Trials):
+def test_what_fails_is_said(turntable: Study, two_devices: trials.Trials):
     assert of_section(turntable, "failures") == ["false"] * 4
-    assert found.decided == [6, 6]
-    felt = [score.nees(found.gyros[name]).value for name in (trials.FELT, trials.FELT_STATES)]
+    assert two_devices.decided == [6, 6]
+    felt = [score.nees(two_devices.gyros[name]).value for name in (trials.FELT, trials.FELT_STATES)]
     assert felt[0] > 5 * felt[1]
 
 
-def test_without_a_failure_the_claims_on_it_hold(found: trials.Trials):
-    good = dict.fromkeys(found.gyros, found.gyros["19 states, own path"])
-    held = trials.Trials(good, found.accelerometers, [12])
+def test_without_a_failure_the_claims_on_it_hold(two_devices: trials.Trials):
+    good = dict.fromkeys(two_devices.gyros, two_devices.gyros["19 states, own path"])
+    held = trials.Trials(good, two_devices.accelerometers, [12])
     from inercal.studies.turntable import failures
 
     assert [one.verdict for one in failures.section(held).findings] == ["reproduced"] * 4
