@@ -139,7 +139,7 @@ def solve(
         for lane in range(used):
             for i in range(k):
                 b[i, lane] = (b[i, lane] + pull[first + lane, i]) * d[i, lane]
-        g[:] = b
+                g[i, lane] = b[i, lane]
         for i in range(k):
             row, s = a[i], b[i]
             for n in range(i):
@@ -178,7 +178,8 @@ def inverse(rows: Array, weight: Array, prior: Array, lanes: int) -> tuple[Array
         # v[j, i] = (L⁻¹)ᵢⱼ: transposed, so that both sums below run along rows.
         for j in range(k):
             column = v[j]
-            column[j] = a[j, j]
+            for lane in range(lanes):
+                column[j, lane] = a[j, j, lane]
             for i in range(j + 1, k):
                 row = a[i]
                 s[:] = 0.0

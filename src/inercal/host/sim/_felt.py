@@ -100,7 +100,8 @@ def felt(
         for i in range(count - 1, -1, -1):
             if i + 1 < count:
                 _turn(mat, thirds[i], squares[i])
-            u[i] = mat[axes[i]]
+            for m in range(3):
+                u[i, m] = mat[axes[i], m]
             _turn(mat, axes[i], moved[n, i, 0])
         v[:] = 0.0
         dv[:] = 0.0
