@@ -38,7 +38,7 @@ def experiment(collimated: Collimated, **truth: float) -> Experiment:
     return Experiment(SENSOR, bench, steps, estimator, noise, PRIORS, truth)
 
 
-@pytest.mark.parametrize("collimated", ["pairs", "every"])
+@pytest.mark.parametrize("collimated", ["every", pytest.param("pairs", marks=pytest.mark.slow)])
 def test_first_order_drawing_and_what_is_stated_agree(collimated: Collimated):
     made = experiment(collimated)
     found = budget(made, trials=300)

@@ -101,7 +101,7 @@ def test_gravity_passes_its_uncertainty_on_to_the_scale_factors():
 
 
 def classical(
-    device: Imu, hands: Handling, rng: np.random.Generator, trials: int = 60
+    device: Imu, hands: Handling, rng: np.random.Generator, trials: int = 40
 ) -> tuple[tuple[str, ...], Array, Array]:
     """Return names, errors (trials, p) and stated covariances (trials, p, p)."""
     sensor, steps = METHODS["ferraris"].prepare(imu()), METHODS["ferraris"].plan()

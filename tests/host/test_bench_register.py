@@ -38,6 +38,7 @@ def at(bench: SimulatedBench) -> tuple[str, ...]:
     return ("--table", bench.table, "--imu", bench.imu, "--clock", bench.clock or "")
 
 
+@pytest.mark.slow
 def test_a_run_is_entered_as_it_begins_and_with_its_calibration_at_the_end(
     tmp_path: Path, program: Program, bench: SimulatedBench, monkeypatch: pytest.MonkeyPatch
 ):

@@ -141,7 +141,11 @@ def test_a_fault_of_the_table_ends_the_run_with_the_axis_named_and_the_table_at_
     assert at_rest(broken)
 
 
-def test_a_table_that_is_gone_ends_the_run_in_words(tmp_path: Path, broken: SimulatedBench):
+def test_a_table_that_is_gone_ends_the_run_in_words(
+    tmp_path: Path, broken: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("inercal.host.driven._LEAVING", 1.0)  # nobody comes to see it at rest
+
     def die(run: object) -> None:
         broken.tell("table", "die")
 

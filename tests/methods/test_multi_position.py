@@ -163,7 +163,7 @@ def dense_noise(rests: Rests, x: Array, scatter: Scatter) -> Array:
     return C
 
 
-@pytest.mark.parametrize("norms", [True, False])
+@pytest.mark.parametrize("norms", [True, pytest.param(False, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("scatter", SCATTERS)
 def test_the_band_whitens_the_dense_covariance_of_all_rows(norms: bool, scatter: Scatter):
     rests, x = session()

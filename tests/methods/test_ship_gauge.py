@@ -105,7 +105,12 @@ def test_neither_untilted_states_nor_a_start_decide_anything():
 
 
 @pytest.mark.parametrize(
-    "options", [Options(seed=1), Options(seed=2), Options(Bounds(1.0, 1.0, 1.0), seed=1)]
+    "options",
+    [
+        Options(seed=1),
+        Options(seed=2),
+        pytest.param(Options(Bounds(1.0, 1.0, 1.0), seed=1), marks=pytest.mark.slow),
+    ],
 )
 def test_a_search_and_damping_agree_once_the_frame_is_stated(options: Options):
     given = one()
