@@ -122,11 +122,7 @@ def test_an_imu_that_falls_silent_for_good_ends_the_run_with_the_table_at_rest(
 
 @pytest.mark.parametrize(
     ("fault", "words"),
-    [
-        ("amplifier 2", "amplifier"),
-        ("frozen 2", "middle"),
-        pytest.param("jammed 2", "middle", marks=pytest.mark.slow),
-    ],
+    [("amplifier 2", "amplifier"), pytest.param("jammed 2", "middle", marks=pytest.mark.slow)],
 )
 def test_a_fault_of_the_table_ends_the_run_with_the_axis_named_and_the_table_at_rest(
     tmp_path: Path, broken: SimulatedBench, fault: str, words: str
@@ -139,6 +135,25 @@ def test_a_fault_of_the_table_ends_the_run_with_the_axis_named_and_the_table_at_
     assert not ended.done
     assert words in ended.run.trouble
     assert at_rest(broken)
+
+
+def test_an_axis_whose_encoder_stands_is_switched_off_and_said_to_turn(
+    tmp_path: Path, broken: SimulatedBench
+):
+    def spoil(run: object) -> None:
+        broken.tell("table", "fault frozen 2")
+
+    run = plan(tmp_path / "plan", SHORT.replace("outer,90,30", "middle,360,30"))
+    ended = carried_out(tmp_path / "run", broken, run, [("z+", "work", spoil)])
+    assert not ended.done
+    assert "axis middle: the encoder stands while the gyros turn at" in ended.words
+    assert "by the gyros it still turns at" in ended.run.trouble
+    with open_table(broken.table, None) as table:
+        assert at_rest(broken)  # so its encoders say
+        broken.tell("table", "fault frozen 2 off")
+        axis = table.read().axes[1]
+    assert not axis.enabled
+    assert abs(axis.rate) > 1
 
 
 def test_a_table_that_is_gone_ends_the_run_in_words(

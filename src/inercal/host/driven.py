@@ -52,6 +52,7 @@ class Driven:
         self.rests = True
         self._table, self._guard, self._now, self._say = table, guard, now, say
         self._told, self._unheard, self._trip = False, 0, inf
+        self._coasts = False
 
     def read(self) -> tuple[float, TableState] | None:
         """Return when the table was read, s of the run, and its state; None where that failed.
@@ -119,6 +120,21 @@ class Driven:
         except (TableFault, ProtocolError, LinkLost) as error:
             self._say("alarm", f"{error}; the watchdog is told to stop the table")
             self._guard.stop()
+
+    def coast(self) -> None:
+        """Switch all servos off, once: one whose encoder stands drives its axis on and on."""
+        if self._coasts:
+            return
+        words = "the servos are switched off, what turns coasts"
+        try:
+            self._table.kill(coasting=True)
+        except TableFault as error:
+            words = str(error)
+        except (ProtocolError, LinkLost) as error:
+            self._say("alarm", f"{error}; the servos are to be switched off")
+            return  # and tried again
+        self._coasts = True
+        self._say("alarm", words)
 
     def leave(self) -> str | None:
         """Have the watchdog bring the table to rest; return in words where nobody has seen that."""

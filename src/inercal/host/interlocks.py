@@ -50,6 +50,13 @@ class Interlocks:
     temperature : tuple of two floats, optional
         Of the IMU, K: lowest and highest.
 
+    Attributes
+    ----------
+    encoder_stands : bool
+        An axis was seen to turn whose encoder stands: a servo that is on drives it on and on.
+    apart : float
+        rad/s that the gyros turn otherwise than the readback, as last seen; 0 where they agree.
+
     Raises
     ------
     InputError
@@ -72,6 +79,7 @@ class Interlocks:
         )
         self._gyros = np.array([axis.measures == "w" for axis in sensor.axes], np.bool_)
         self._inputs = np.array([axis.i for axis in sensor.axes if axis.measures == "w"])
+        self.encoder_stands, self.apart = False, 0.0
         self._since: dict[str, float] = {}
         self._time = nan
         self._tail: tuple[Array, Array, Array] | None = None
@@ -136,12 +144,15 @@ class Interlocks:
             return None
         table, read = of_table(self._bench, time, angles), of_gyros(time, reading)
         left = read.rate - table.rate @ self._inputs.T
+        size = np.linalg.norm(left, axis=-1)
         most = _APART + _OF_RATE * np.linalg.norm(table.rate, axis=-1)
-        apart = (np.linalg.norm(left, axis=-1) > most) & table.whole
+        apart = (size > most) & table.whole
         first = table.time[0] if np.isnan(self._agreed) else self._agreed
         agreed = np.maximum.accumulate(np.where(apart, first, table.time))
         self._agreed = float(agreed[-1])
-        at = np.flatnonzero(apart & (table.time - agreed >= _LASTING))
+        lasts = apart & (table.time - agreed >= _LASTING)
+        self.apart = float(size[-1]) if lasts[-1] else 0.0
+        at = np.flatnonzero(lasts)
         if not at.size:
             return None
         turned = (angles[2 * h :] - angles[: -2 * h]) / (time[2 * h :] - time[: -2 * h])[:, None]
@@ -170,7 +181,9 @@ class Interlocks:
             )
         names = " or ".join(name for name, _, _ in found)
         _, said, beyond = found[0]
-        does = "stands" if abs(said) < _STANDS else f"turns at {degrees(said):.3g} °/s"
+        stands = abs(said) < _STANDS
+        self.encoder_stands |= stands
+        does = "stands" if stands else f"turns at {degrees(said):.3g} °/s"
         return (
             f"axis {names}: the encoder {does} while the gyros turn at "
             f"{degrees(said + beyond):.3g} °/s"

@@ -15,6 +15,7 @@ its own with its own connection. Both are software; the hardware interlock is th
 from collections.abc import Callable
 from contextlib import ExitStack
 from datetime import datetime
+from math import degrees
 from time import monotonic
 from typing import Literal, NamedTuple, Self
 
@@ -150,7 +151,7 @@ class BenchRun:
             opened.callback(self._imu.close)
             self._opened = opened.pop_all()
         self.time, self._next = tick.time, tick.time + self._poll
-        self._packets = 0, tick.time
+        self._packets, self._differ = (0, tick.time), False
         self._since = monotonic(), tick.time
         self._over: float | None = None
 
@@ -195,6 +196,7 @@ class BenchRun:
                 while not self.sequencer.over:
                     self._tick()
                 self._come_to_rest()
+                self._hear_gyros()
             except LinkLost as error:
                 self._interruptions.end(f"the bench's clock is gone: {error}")
             except InercalError as error:
@@ -293,6 +295,19 @@ class BenchRun:
         while self.time < until and not (self._driven.rests and self.time > after):
             self._tick()
 
+    def _hear_gyros(self) -> None:
+        """See that the table rests by the gyros too: an encoder may stand while its axis turns."""
+        self._work()
+        until = self.time + _GRACE
+        while self._interlocks.apart and self.time < until:
+            self._tick()
+            self._work()
+        if self._interlocks.apart:
+            self._interruptions.add(
+                f"by its encoders the table rests, by the gyros it still turns at "
+                f"{degrees(self._interlocks.apart):.3g} °/s or more: cut its power, keep away"
+            )
+
     def _work(self) -> None:
         """Have what came worked through, and see that gyros and table agree."""
         try:
@@ -312,8 +327,12 @@ class BenchRun:
             return
         if block.begins:
             self._interlocks = self._watched()
-        if (words := self._interlocks.against_gyros(block.track)) is not None:
+        words = self._interlocks.against_gyros(block.track)
+        if words is not None and not self._differ:
+            self._differ = True
             self._interruptions.end(words)
+        if self._interlocks.encoder_stands:
+            self._driven.coast()
 
     def _watched(self) -> Interlocks:
         return Interlocks(self._table.limits, self._bench, self.sensor, self._options.temperature)

@@ -207,7 +207,8 @@ def whiten(
                 for j in range(3):
                     total[k, c] += f[k, j] * before[j, c]
         s = p[:3, :3] + readback * np.eye(3)
-        copy(np.linalg.inv(np.linalg.cholesky(s)), root)
+        inverse: Array = np.linalg.inv(np.linalg.cholesky(s)).astype(np.float64)
+        copy(inverse, root)
         off = total - x[:3]
         np.dot(root, off, rows[e])
         np.dot(np.ascontiguousarray(p[:, :3]), root.T @ root, gain)
