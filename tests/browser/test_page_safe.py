@@ -53,6 +53,7 @@ def test_words_of_the_set_up_are_text_and_nothing_else(page: Page, scripted: Scr
     assert page.evaluate("window.hacked") is None
 
 
+@pytest.mark.slow
 def test_stop_stays_in_sight_and_nothing_is_cut_off(page: Page, scripted: Scripted):
     running(page, scripted)
     for width, height in SIZES:
@@ -63,6 +64,7 @@ def test_stop_stays_in_sight_and_nothing_is_cut_off(page: Page, scripted: Script
             assert page.evaluate("document.documentElement.scrollWidth") <= width
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("view", ["setup", "run"])
 def test_buttons_and_fields_are_large_enough_for_a_finger(
     page: Page, scripted: Scripted, view: str
@@ -79,6 +81,7 @@ def test_buttons_and_fields_are_large_enough_for_a_finger(
     assert small == []
 
 
+@pytest.mark.slow
 def test_all_that_can_be_pressed_has_a_name(page: Page, scripted: Scripted):
     running(page, scripted)
     nameless = page.evaluate(
@@ -90,6 +93,7 @@ def test_all_that_can_be_pressed_has_a_name(page: Page, scripted: Scripted):
     assert nameless == []
 
 
+@pytest.mark.slow
 def test_light_and_dark_are_as_the_device_asks(page: Page, scripted: Scripted):
     running(page, scripted)
     paper = "() => getComputedStyle(document.querySelector('main section')).backgroundColor"

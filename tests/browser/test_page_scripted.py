@@ -2,6 +2,7 @@
 
 import re
 
+import pytest
 from playwright.sync_api import Page, expect
 from tests.browser import messages
 from tests.browser.conftest import Watched
@@ -40,6 +41,7 @@ def test_the_arrows_choose_the_coefficient_whose_course_is_shown(page: Page, scr
     expect(page.get_by_role("heading", name="Course of gy.scale, ppm")).to_be_visible()
 
 
+@pytest.mark.slow
 def test_charts_glide_while_samples_come_and_rest_when_none_do(page: Page, scripted: Scripted):
     running(page, scripted)
     count = "() => window.inercal.frames"
@@ -130,6 +132,7 @@ def test_another_operator_is_named_and_a_refusal_is_said(page: Page, scripted: S
     expect(page.get_by_text("Refused: Grace operates")).to_be_visible()
 
 
+@pytest.mark.slow
 def test_a_lost_connection_is_said_and_comes_back_by_itself(
     page: Page, scripted: Scripted, watched: Watched
 ):
@@ -151,6 +154,7 @@ def test_a_lost_connection_is_said_and_comes_back_by_itself(
     watched.errors[:] = [one for one in watched.errors if "/live" not in one]
 
 
+@pytest.mark.slow
 def test_silence_of_the_bench_is_said(page: Page, scripted: Scripted):
     running(page, scripted)
     expect(page.get_by_text("No news from the bench for")).to_be_visible()
@@ -159,6 +163,7 @@ def test_silence_of_the_bench_is_said(page: Page, scripted: Scripted):
     expect(page.get_by_text("No news from the bench for")).to_have_count(0)
 
 
+@pytest.mark.slow
 def test_an_alarm_stays_until_this_viewer_has_acknowledged_it(page: Page, scripted: Scripted):
     running(page, scripted)
     scripted.tell(messages.event(100.5, "axis inner: amplifier fault", "alarm"))
@@ -174,6 +179,7 @@ def test_an_alarm_stays_until_this_viewer_has_acknowledged_it(page: Page, script
     expect(alarm).to_have_count(0)
 
 
+@pytest.mark.slow
 def test_an_alarm_that_is_said_again_is_one_line(page: Page, scripted: Scripted):
     running(page, scripted)
     scripted.tell(*(messages.event(100.0 + k, "the table is gone", "alarm") for k in range(12)))
@@ -183,6 +189,7 @@ def test_an_alarm_that_is_said_again_is_one_line(page: Page, scripted: Scripted)
     expect(alarm).to_have_count(0)
 
 
+@pytest.mark.slow
 def test_the_end_says_the_verdict_and_leads_on(page: Page, scripted: Scripted):
     running(page, scripted)
     operating(page, scripted)
@@ -203,6 +210,7 @@ def test_the_end_says_the_verdict_and_leads_on(page: Page, scripted: Scripted):
     expect(page.get_by_role("heading", name="Set up a run")).to_be_visible()
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_can_be_resumed_where_it_ended(page: Page, scripted: Scripted):
     running(page, scripted)
     operating(page, scripted)
@@ -217,6 +225,7 @@ def test_an_interrupted_run_can_be_resumed_where_it_ended(page: Page, scripted: 
     expect(page.get_by_role("heading", name="The run was interrupted")).to_be_hidden()
 
 
+@pytest.mark.slow
 def test_a_run_that_ends_before_it_has_a_plan_says_why(page: Page, scripted: Scripted):
     opened(page, scripted, {"kind": "phase", "run": "r", "words": "asking the devices"})
     expect(page.get_by_text("asking the devices …")).to_be_visible()

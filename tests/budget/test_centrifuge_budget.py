@@ -75,6 +75,7 @@ def assert_agree(found: Budget, widest: float) -> None:
     assert max(worst, total) < widest
 
 
+@pytest.mark.slow
 def test_derivatives_agree_with_a_hundred_and_twenty_drawn():
     made = experiment("full-circle", replace(BENCH, lean=1e-5))
     made = halved(made)

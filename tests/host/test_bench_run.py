@@ -68,6 +68,7 @@ def test_a_run_does_its_steps_in_order_and_leaves_no_packet_out(shared: Bench):
     assert at_rest(shared.bench)
 
 
+@pytest.mark.slow
 def test_how_fast_a_bench_is_run_changes_no_byte_and_no_number(tmp_path: Path, shared: Bench):
     run = plan(tmp_path / "plan")
     with SimulatedBench(run.path, seed=1) as bench:

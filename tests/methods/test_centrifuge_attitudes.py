@@ -125,6 +125,7 @@ def test_three_hundred_times_arms_and_misalignments_scatter_as_stated(seed: int)
     assert_consistent(seed, 300)
 
 
+@pytest.mark.slow
 def test_a_crooked_mounting_is_in_the_uncertainty_of_the_arms(seed: int):
     rng = np.random.default_rng([seed, 16])
     bench = replace(BENCH, mounting=1e-3)

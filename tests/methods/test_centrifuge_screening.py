@@ -89,6 +89,7 @@ def test_a_row_that_no_single_change_repairs_is_named():
     assert "no single change repairs it" in suspect.in_words()
 
 
+@pytest.mark.slow
 def test_a_table_that_is_wrong_as_a_whole_is_refused():
     output, rates = made(3)
     shuffled = output[np.random.default_rng(3).permutation(len(output))]

@@ -96,7 +96,9 @@ def test_graduations_and_drift_are_in_what_is_stated(estimator: Estimator, seed:
     assert np.mean(np.sum((value - true) * solved, axis=-1)) / 6 > 1.5
 
 
-@pytest.mark.parametrize("collimated", ["none", "pairs", "every"])
+@pytest.mark.parametrize(
+    "collimated", ["none", *(pytest.param(k, marks=pytest.mark.slow) for k in ("pairs", "every"))]
+)
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 def test_all_that_a_bench_can_err_by_is_in_what_is_stated(
     estimator: Estimator, collimated: str, seed: int

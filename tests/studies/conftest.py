@@ -38,7 +38,14 @@ def turntable(two_devices: trials.Trials) -> Study:
         return reproduce("turntable", trials=400, seed=1)
 
 
-@pytest.fixture(params=["study", "dual_orthogonal", "ship_model", "turntable"])
+@pytest.fixture(
+    params=[
+        "study",
+        "dual_orthogonal",
+        "ship_model",
+        pytest.param("turntable", marks=pytest.mark.slow),
+    ]
+)
 def each_study(request: pytest.FixtureRequest) -> Study:
     """Return one study after the other."""
     return request.getfixturevalue(request.param)

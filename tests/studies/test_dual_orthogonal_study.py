@@ -123,6 +123,7 @@ def test_two_of_ten_steps_have_the_four_points(dual_orthogonal: Study):
         assert step.error("patent", step.with_cardinals(n), 20, 1) is not None
 
 
+@pytest.mark.slow
 def test_thirty_degrees_is_best_for_as_many_readings_in_all_alone():
     def merit(n: int, share: float) -> np.ndarray:
         noise = experiment.NOISE * sqrt(share)

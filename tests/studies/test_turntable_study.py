@@ -102,6 +102,7 @@ def test_paths_take_what_the_note_says():
     assert lasting["discrete"] == pytest.approx(19, abs=0.5)
 
 
+@pytest.mark.slow
 def test_traces_end_near_what_is_found(two_devices: trials.Trials):
     for one in (
         two_devices.gyros["full, whole recording"][0],
@@ -116,10 +117,12 @@ def test_traces_end_near_what_is_found(two_devices: trials.Trials):
 # Claims
 
 
+@pytest.mark.slow
 def test_verdicts_on_what_is_printed(turntable: Study):
     assert of_section(turntable, "accuracy")[3:] == ["reproduced"] * 5
 
 
+@pytest.mark.slow
 def test_verdicts_on_the_time(turntable: Study):
     assert of_section(turntable, "time")[:2] == ["reproduced", "not reproducible"]
 
@@ -135,12 +138,14 @@ def test_verdicts_that_two_devices_leave_open_are_decided_by_six():
     assert of_section(six, "failures") == [lost] * 4
 
 
+@pytest.mark.slow
 def test_18_states_are_too_sure_and_full_is_not(two_devices: trials.Trials):
     assert score.nees(two_devices.accelerometers["18 states"]).value > 5
     for runs in (two_devices.accelerometers["full"], two_devices.gyros["full, whole recording"]):
         assert 0.3 < score.nees(runs).value < 2.2
 
 
+@pytest.mark.slow
 def test_what_fails_is_said(turntable: Study, two_devices: trials.Trials):
     assert of_section(turntable, "failures") == ["false"] * 4
     assert two_devices.decided == [6, 6]
@@ -148,6 +153,7 @@ def test_what_fails_is_said(turntable: Study, two_devices: trials.Trials):
     assert felt[0] > 5 * felt[1]
 
 
+@pytest.mark.slow
 def test_without_a_failure_the_claims_on_it_hold(two_devices: trials.Trials):
     good = dict.fromkeys(two_devices.gyros, two_devices.gyros["19 states, own path"])
     held = trials.Trials(good, two_devices.accelerometers, [12])
@@ -159,6 +165,7 @@ def test_without_a_failure_the_claims_on_it_hold(two_devices: trials.Trials):
 # The page
 
 
+@pytest.mark.slow
 def test_the_page_has_every_section_table_and_chart(turntable: Study, tmp_path: Path):
     path = write_study(turntable, tmp_path)
     assert path.name == "turntable.study.html"
