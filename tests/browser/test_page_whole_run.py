@@ -57,6 +57,8 @@ def test_a_run_is_set_up_watched_paused_finished_and_read_by_keyboard_alone(
     _, first = shown(page, NAME)
 
     pressed(page, "p")
+    # The event comes before the state that keys go by.
+    expect(page.get_by_role("button", name="Go on")).to_be_enabled()
     expect(page.get_by_text("paused by the operator").first).to_be_visible()
     pressed(page, "g")
     expect(page.get_by_role("heading", name="simulated MIMU")).to_be_visible()
