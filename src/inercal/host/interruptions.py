@@ -15,7 +15,7 @@ _Why = Literal["operator", "watchdog", "IMU"]
 
 
 class Interruptions:
-    """Of one run, by its operator, its watchdog and its devices.
+    """What pauses or ends one run: its operator, its watchdog, its devices.
 
     Parameters
     ----------

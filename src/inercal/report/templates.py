@@ -5,18 +5,27 @@ from typing import Any
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
-_PACKAGES = ("inercal.report", "inercal.studies")  # where templates and style sheets lie
+_HERE = "inercal.report"
 
 
-def render(template: str, **values: Any) -> str:
-    """Return a template filled in, HTML; values are escaped but for those that are `Markup`."""
-    return _environment().get_template(template).render(values)
+def render(template: str, package: str = _HERE, **values: Any) -> str:
+    """Return a template filled in, HTML; values are escaped but for those that are `Markup`.
+
+    Parameters
+    ----------
+    template : str
+        Name of a file in `package`; what it extends or includes may lie here.
+    package : str
+    **values
+        What the template names.
+    """
+    return _environment(package).get_template(template).render(values)
 
 
 @cache
-def _environment() -> Environment:
+def _environment(package: str) -> Environment:
     return Environment(
-        loader=ChoiceLoader([PackageLoader(package, ".") for package in _PACKAGES]),
+        loader=ChoiceLoader([PackageLoader(package, "."), PackageLoader(_HERE, ".")]),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,

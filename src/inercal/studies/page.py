@@ -15,6 +15,7 @@ def page(study: Study) -> str:
     counted = Counter(finding.verdict for finding in study.findings)
     return render(
         "study.html",
+        "inercal.studies",
         study=study,
         counts=[(verdict, counted[verdict], TONES[verdict]) for verdict in TONES],
         tones=TONES,
