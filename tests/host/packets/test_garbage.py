@@ -15,9 +15,11 @@ BINARY = [name for name in PRESETS if isinstance(read_layout(name).frames[0], Fr
 BITS = {"fixed": 16, "vn100": 16, "witmotion": 16, "xsens": 8}
 
 
+# A packet is some 40 bytes: those of a hundred thousand, and of a million.
+@pytest.mark.parametrize("size", [4 * N, pytest.param(40 * N, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", PRESETS)
-def test_random_bytes_raise_nothing(name: str):
-    data = np.random.default_rng(4).integers(0, 256, 4 * N, np.uint8).tobytes()
+def test_random_bytes_raise_nothing(name: str, size: int):
+    data = np.random.default_rng(4).integers(0, 256, size, np.uint8).tobytes()
     packets, counts = fed(read_layout(name), data)
     assert len(packets) == 0
     assert len(data) - 4096 <= counts.thrown <= len(data)
