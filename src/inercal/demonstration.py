@@ -7,7 +7,6 @@ the numbers are those of an unhurried run.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -15,18 +14,15 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from inercal.errors import InercalError
-from inercal.host.compile import compiled
+from inercal.host.carry import Interrupted, carried_out
 from inercal.host.finish import finish
 from inercal.host.folder import begin, require_free
-from inercal.host.packets import read_layout
-from inercal.host.run import Addresses, BenchRun
-from inercal.host.simulated import SimulatedBench
+from inercal.host.run import BenchRun
+from inercal.host.simulated import POLL, started
 from inercal.pipeline import Outcome
 from inercal.pipeline.truth import in_frame_of
 from inercal.runfile import Run, read
 
-# So seldom, 24 minutes pass in 12 to 20 s; at 15 °/s² angles between are within some arcseconds.
-_POLL = 0.05  # s
 _PACKETS = "fixed"
 _RUN_FILE, _PATH = "mimu.toml", "path.csv"
 
@@ -87,18 +83,14 @@ def demo(
     require_free(folder)
     with TemporaryDirectory() as plans:
         run = _plan(Path(plans), quick=quick)
-        layout = read_layout(_PACKETS)
-        compiling = partial(compiled, run, layout)
-        with SimulatedBench(run.path, seed, _PACKETS, meanwhile=compiling) as bench:
+        with started(run, seed, _PACKETS) as bench:
             # The bench's processes have read the run file; from here on its copy counts.
-            assert bench.clock is not None
-            addresses = Addresses(bench.table, bench.imu, bench.clock)
-            made, journal = begin(folder, run, addresses, _POLL)
+            made, journal = begin(folder, run, bench.addresses, POLL)
             with journal:
-                with BenchRun(made, journal, addresses, show=show) as going, bench.beside():
-                    done = going.carry_out()
-                if not done:
-                    raise InercalError(f"{folder}: the run was interrupted: {going.trouble}")
+                try:
+                    going = carried_out(made, journal, show=show, beside=lambda _: bench.beside())
+                except Interrupted as error:
+                    raise InercalError(f"{folder}: the run was interrupted: {error}") from None
                 outcome, written = finish(made, journal, going.account.live)
     calibration = outcome.calibration
     true = in_frame_of(calibration, run.truth)

@@ -43,7 +43,7 @@ def quick() -> str:
 
 def addresses(bench: SimulatedBench) -> Addresses:
     """Return where a simulated bench is."""
-    return Addresses(bench.table, bench.imu, bench.clock or "")
+    return Addresses(*bench.addresses)
 
 
 class Interfered(BenchRun):

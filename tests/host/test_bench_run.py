@@ -241,6 +241,12 @@ def test_an_operator_may_stop_a_run_and_resume_it(tmp_path: Path, bench: Simulat
     assert not ended.done
     assert ended.run.trouble == "stopped by the operator"
     assert at_rest(bench)
-    again = carried_out(tmp_path / "run", bench)
+    states: list[str] = []
+
+    def look(run: Interfered) -> None:
+        states.append(run._journal.header().state)
+
+    again = carried_out(tmp_path / "run", bench, acts=[("y up", "work", look)])
     assert again.done, again.words
+    assert states == ["running"]
     assert [label for label, _, _ in again.sections] == ["warm-up", "y up", "z+", "rest"]

@@ -7,7 +7,7 @@ from math import nan
 import pytest
 
 from inercal.host.driven import Driven
-from inercal.host.drivers.table import AxisState, ProtocolError, TableState
+from inercal.host.drivers.table import AxisState, ProtocolError, TableFault, TableState
 from inercal.host.link import LinkLost
 from inercal.host.sequencer import Go, Stop
 
@@ -39,10 +39,25 @@ class Table:
 @dataclass
 class Guard:
     stopped: int = 0
+    left: bool = False
+    killed: bool = False
+    alive: bool = True
+    says: Sequence[str | BaseException] = ()
 
     def stop(self) -> bool:
         self.stopped += 1
-        return True
+        return self.alive
+
+    def said(self) -> list[str]:
+        if not self.stopped or not self.says:
+            return []
+        said, *self.says = self.says
+        if isinstance(said, BaseException):
+            raise said
+        return [said]
+
+    def leave(self) -> None:
+        self.left = True
 
 
 def driven(table: Table, times: Iterator[float] | None = None, guard: Guard | None = None):
@@ -118,3 +133,54 @@ def test_what_cannot_be_told_is_the_watchdogs():
     made.stop([Stop()])
     assert guard.stopped == 1
     assert said == ["gone; the watchdog is told to stop the table"]
+    guard.alive = False
+    made.stop([Stop()])
+    assert said[-1] == "gone; the watchdog is gone too: cut the table's power"
+
+
+def test_a_table_that_was_told_to_go_and_refuses_in_part_does_not_rest():
+    class Refuses(Table):
+        def move(self, axis: str, *_: float) -> None:
+            raise TableFault("no")
+
+    made, _ = driven(Refuses([TableState(0.0, (RESTS,))]))
+    made.read()
+    assert made.rests
+    with pytest.raises(TableFault):
+        made.tell([Go(0, 1.0, 1.0, 1.0)])
+    assert not made.rests
+
+
+def test_what_the_watchdog_has_switched_off_is_not_switched_on_by_a_stop():
+    table, guard = Table([TableState(0.0, (RESTS,))]), Guard(killed=True)
+    made, _ = driven(table, guard=guard)
+    made.read()
+    made.stop([Stop()])
+    assert table.told == []
+
+
+@pytest.mark.parametrize(
+    ("says", "words", "left"),
+    [
+        (["stopping: told so", "at rest"], None, False),
+        (["killed: it did not slow down", "at rest"], "watchdog: killed: it did not", False),
+        (["cannot: lost"], "nobody has seen the table come to rest; the watchdog goes on", True),
+    ],
+)
+def test_a_table_is_left_to_the_watchdog_until_it_rests(
+    monkeypatch: pytest.MonkeyPatch, says: list[str], words: str | None, left: bool
+):
+    monkeypatch.setattr("inercal.host.driven._LEAVING", 0.2)
+    guard = Guard(says=says)
+    made, _ = driven(Table([]), guard=guard)
+    said = made.leave()
+    assert said == words or (words and said and said.startswith(words))
+    assert guard.left is left
+
+
+def test_another_interrupt_does_not_call_the_watchdog_off():
+    guard = Guard(says=["stopping: told so", KeyboardInterrupt()])
+    made, _ = driven(Table([]), guard=guard)
+    with pytest.raises(KeyboardInterrupt):
+        made.leave()
+    assert guard.left

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from inercal.cli import bench_devices, bench_serve
+from inercal.cli.bench_options import CLOCK, SPEED, TABLE, above_zero
 
 if TYPE_CHECKING:
     from inercal.host.entering import Keeper
@@ -22,10 +23,8 @@ app = typer.Typer(
 )
 
 _RunFile = Annotated[Path, typer.Argument(help="The run file (TOML): sensor, bench, data, method.")]
-_Clock = Annotated[str, typer.Option(help="Of a simulated bench, as `simulate` says it.")]
-_Speed = Annotated[
-    float | None, typer.Option(help="Most seconds of a simulated bench in one of the wall's.")
-]
+_Clock = Annotated[str, typer.Option(help=CLOCK)]
+_Speed = Annotated[float | None, typer.Option(help=SPEED)]
 _Patience = Annotated[float, typer.Option(help="s that the IMU may be gone before the run ends.")]
 _Within = Annotated[
     str, typer.Option("--temperature", help="°C that the IMU must stay within, as 15:40.")
@@ -35,14 +34,13 @@ _Register = Annotated[
     str | None,
     typer.Option(help="Enter the run in the register there, or in the 'default' one."),
 ]
-_TABLE = "pmac://HOST:1025?motors=1,2,3&counts=3600000, acutrol://…?axes=1,2,3 or motor:serial:…"
 _IMU = "serial:/dev/ttyUSB0?preset=xsens&baud=921600 or tcp://HOST:PORT?preset=…"
 
 
 @app.command()
 def run(
     run_file: _RunFile,
-    table: Annotated[str, typer.Option(help=_TABLE)],
+    table: Annotated[str, typer.Option(help=TABLE)],
     imu: Annotated[str, typer.Option(help=_IMU)],
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="New folder of the run; by its time.")
@@ -57,7 +55,6 @@ def run(
     """Carry out the plan of a run file, and calibrate from what it leaves."""
     from datetime import datetime
 
-    from inercal.errors import InercalError
     from inercal.host.folder import begin
     from inercal.runfile import read
 
@@ -66,20 +63,14 @@ def run(
     kept = _opened(register)
     folder = out or Path(f"{run_file.stem}-{datetime.now():%Y%m%d-%H%M%S}")
     made, journal = begin(folder, plan, (table, imu, clock))
-    with journal:
-        try:
-            _go(made, journal, options, json, kept)
-        except InercalError:
-            # Of devices that were not there nothing is left, and the folder's name is free again.
-            if not (made.log.exists() and made.log.stat().st_size):
-                made.discard()
-            raise
+    with journal, made.kept_if_begun():
+        _go(made, journal, options, json, kept)
 
 
 @app.command()
 def resume(
     folder: Annotated[Path, typer.Argument(help="The folder of a run that was interrupted.")],
-    table: Annotated[str, typer.Option(help=f"Where it has another address now: {_TABLE}")] = "",
+    table: Annotated[str, typer.Option(help=f"Where it has another address now: {TABLE}")] = "",
     imu: Annotated[str, typer.Option(help=f"The same: {_IMU}")] = "",
     clock: _Clock = "",
     speed: _Speed = None,
@@ -153,44 +144,41 @@ def _carried_out(
     from inercal.cli.bench_view import viewing
     from inercal.cli.show import working
     from inercal.host.addresses import layout_of_address
+    from inercal.host.carry import Interrupted, carried_out
     from inercal.host.compile import compiled
-    from inercal.host.run import Addresses, BenchRun
 
-    was = journal.header()
-    addresses = Addresses(*was.addresses)
     with working("compiling what a run needs, once on each machine"):
-        compiled(folder.run, layout_of_address(was.imu))
-    with (
-        viewing() as show,
-        BenchRun(folder, journal, addresses, options, show) as bench,
-        keys(bench),
-        keeper.meanwhile(),
-    ):
-        done = bench.carry_out()
-    if not done:
+        compiled(folder.run, layout_of_address(journal.header().imu))
+    try:
+        with viewing() as show:
+            run = carried_out(
+                folder, journal, options, show, beside=keys, meanwhile=keeper.meanwhile
+            )
+    except Interrupted as error:
         _enter(keeper)
-        print(f"inercal: interrupted: {bench.trouble}", file=sys.stderr)
+        print(f"inercal: interrupted: {error}", file=sys.stderr)
         print(f"go on by: inercal bench resume {folder.path}", file=sys.stderr)
-        raise typer.Exit(1)
-    return bench.account.live
+        raise typer.Exit(1) from None
+    return run.account.live
 
 
 def _options(speed: float | None, patience: float, temperature: str) -> "Options":
     from inercal.errors import InputError
     from inercal.host.run import Options
+    from inercal.units import ZERO_CELSIUS
 
     within: tuple[float, float] | None = None
     if temperature:
         low, _, high = temperature.partition(":")
         try:
-            within = float(low) + 273.15, float(high) + 273.15
+            within = float(low) + ZERO_CELSIUS, float(high) + ZERO_CELSIUS
         except ValueError:
             within = (1.0, 0.0)
         if not within[0] < within[1]:
             raise InputError(f"--temperature {temperature!r}; give lowest and highest °C, as 15:40")
     for name, value in (("--speed", speed), ("--patience", patience)):
-        if value is not None and not 0 < value < float("inf"):
-            raise InputError(f"{name} {value:g}; give a number above 0")
+        if value is not None:
+            above_zero(name, value)
     return Options(speed, within, patience)
 
 
@@ -214,7 +202,7 @@ def simulate(
     from inercal.errors import InputError
     from inercal.host.simulated import SimulatedBench
 
-    paced = pace if pace == "granted" else _number("--pace", pace)
+    paced = pace if pace == "granted" else above_zero("--pace", pace, ", or granted")
     with SimulatedBench(run_file, seed, preset, rate, paced, terminal=not tcp) as bench:
         clock = f" --clock {bench.clock}" if bench.clock else ""
         print(f"inercal bench run {run_file} --table '{bench.table}' --imu '{bench.imu}'{clock}")
@@ -228,18 +216,6 @@ def simulate(
                 print("ok", flush=True)
             except InputError as error:
                 print(f"no: {error}", flush=True)
-
-
-def _number(option: str, text: str) -> float:
-    from inercal.errors import InputError
-
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0 < value < float("inf"):
-        raise InputError(f"{option} {text}; give a number above 0, or granted")
-    return value
 
 
 for verb in (bench_devices.devices, bench_serve.serve):

@@ -5,14 +5,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from inercal.cli.bench_options import TABLE
+
 if TYPE_CHECKING:
     from inercal.benches import Turntable
 
-_TABLE = "pmac://HOST:1025?motors=1,2,3&counts=3600000, acutrol://…?axes=1,2,3 or motor:serial:…"
-
 
 def devices(
-    table: Annotated[str, typer.Option(help=f"Ask a table: {_TABLE}")] = "",
+    table: Annotated[str, typer.Option(help=f"Ask a table: {TABLE}")] = "",
     imu: Annotated[
         str, typer.Option(help="Listen to an IMU for a second; without preset= all are tried.")
     ] = "",

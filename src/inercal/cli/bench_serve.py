@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from inercal.cli.bench_options import CLOCK, SPEED, above_zero
+
 
 def serve(
     plans: Annotated[Path, typer.Option(help="Folder of run files to choose from.")] = Path(),
@@ -14,10 +16,8 @@ def serve(
     ] = None,
     table: Annotated[str, typer.Option(help="A table to choose, as `run` takes it.")] = "",
     imu: Annotated[str, typer.Option(help="An IMU to choose, as `run` takes it.")] = "",
-    clock: Annotated[str, typer.Option(help="Of a simulated bench, as `simulate` says it.")] = "",
-    speed: Annotated[
-        float | None, typer.Option(help="Most seconds of a simulated bench in one of the wall's.")
-    ] = None,
+    clock: Annotated[str, typer.Option(help=CLOCK)] = "",
+    speed: Annotated[float | None, typer.Option(help=SPEED)] = None,
     host: Annotated[
         str, typer.Option(help="Address to listen at; another than this machine's needs a token.")
     ] = "127.0.0.1",
@@ -33,8 +33,8 @@ def serve(
     """
     from inercal.errors import InputError
 
-    if speed is not None and not 0 < speed < float("inf"):
-        raise InputError(f"--speed {speed:g}; give a number above 0")
+    if speed is not None:
+        above_zero("--speed", speed)
     if not 0 <= port < 65536:
         raise InputError(f"--port {port}; possible: 0 to 65535")
     try:

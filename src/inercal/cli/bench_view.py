@@ -1,5 +1,7 @@
 """What a run on a bench looks like in a terminal while it goes on."""
 
+import os
+import sys
 from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
 from math import degrees
@@ -23,7 +25,14 @@ def viewing(keys: str = KEYS) -> Generator[Callable[["BenchRun"], None]]:
     from rich.console import Console
     from rich.live import Live
 
-    console = Console(stderr=True, highlight=False)
+    class Unseen(Console):
+        """A console that a run survives when nobody reads it any more."""
+
+        def on_broken_pipe(self) -> None:
+            # Rich ends the program here; what is written from now on goes nowhere.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
+
+    console = Unseen(stderr=True, highlight=False)
     if not console.is_terminal:
         told = 0
 

@@ -20,10 +20,10 @@ def run(
     from inercal.cli.show import as_json, as_table
     from inercal.demonstration import demo
     from inercal.host.folder import require_free
+    from inercal.host.simulated import STARTING
 
     require_free(out)
-    say = "starting a simulated bench; the first time on a machine all is compiled, about a minute"
-    print(say, file=sys.stderr, flush=True)
+    print(STARTING, file=sys.stderr, flush=True)
     with viewing(STOP) as show:
         shown = demo(out, seed, quick=quick, show=show)
     if json:

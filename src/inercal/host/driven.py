@@ -38,7 +38,7 @@ class Driven:
     state : TableState or None
         As last read.
     rests : bool
-        By the last reading no axis moves, and none was told to; True before the first.
+        By the last reading no axis moves, and none was told to since; True before the first.
     """
 
     def __init__(
@@ -99,6 +99,7 @@ class Driven:
             It refuses, or was not reached.
         """
         self._told = bool(commands)
+        self.rests = self.rests and not commands
         for command in commands:
             match command:
                 case Enable():
@@ -113,13 +114,15 @@ class Driven:
     def stop(self, commands: Sequence[Command]) -> None:
         """Tell the table to stop; where it cannot be told, the watchdog goes on trying."""
         off = self.state is not None and not any(axis.enabled for axis in self.state.axes)
-        if off and self.rests:
-            return  # to stop closes the loops of motors: what somebody has switched off stays off
+        # To stop closes the loops of motors: what somebody has switched off stays off.
+        if self._guard.killed or (off and self.rests):
+            return
         try:
             self.tell(commands)
         except (TableFault, ProtocolError, LinkLost) as error:
-            self._say("alarm", f"{error}; the watchdog is told to stop the table")
-            self._guard.stop()
+            told = self._guard.stop()
+            does = "is told to stop the table" if told else "is gone too: cut the table's power"
+            self._say("alarm", f"{error}; the watchdog {does}")
 
     def coast(self) -> None:
         """Switch all servos off, once: one whose encoder stands drives its axis on and on."""
@@ -137,16 +140,20 @@ class Driven:
         self._say("alarm", words)
 
     def leave(self) -> str | None:
-        """Have the watchdog bring the table to rest; return in words where nobody has seen that."""
+        """Have the watchdog bring the table to rest; return in words what went wrong."""
         self._guard.said()
         self._guard.stop()
         until = monotonic() + _LEAVING
         lines = list[str]()
-        while "at rest" not in lines and self._guard.alive and monotonic() < until:
-            select([], [], [], _LOOKS)
-            lines += self._guard.said()
+        try:
+            while "at rest" not in lines and self._guard.alive and monotonic() < until:
+                select([], [], [], _LOOKS)
+                lines += self._guard.said()
+        finally:  # who does not wait for it, by another Ctrl-C, does not call it off
+            if "at rest" not in lines:
+                self._guard.leave()
         if "at rest" in lines:
-            return None
-        self._guard.leave()
-        words = "nobody has seen the table come to rest; the watchdog goes on trying to stop it"
+            return next((f"watchdog: {line}" for line in lines if line.startswith("killed")), None)
+        does = "goes on trying to stop it" if self._guard.alive else "is gone: cut its power"
+        words = f"nobody has seen the table come to rest; the watchdog {does}"
         return "; ".join([words, *lines[-1:]])

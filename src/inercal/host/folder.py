@@ -11,7 +11,8 @@ plan.calibration.json, plan.report.html
 
 import os
 import tomllib
-from contextlib import suppress
+from collections.abc import Generator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,6 +24,7 @@ from inercal.io.atomic import atomic_write
 from inercal.runfile import Run, read
 
 LOG, JOURNAL = "run.log", "run.journal"
+_MADE = ("calibration.json", "report.html")
 POLL = 0.02  # s
 
 
@@ -56,12 +58,17 @@ class Folder:
         Raises
         ------
         InputError
-            It cannot be made, or there is a run in it already.
+            It cannot be made, or holds a run or a file of a name that the run's are given.
         """
         path = Path(path)
         require_free(path)
+        copied = run.path.name, *_named(run.path)
+        made = (f"{run.path.stem}.{kind}" for kind in _MADE)
+        for name in (*copied, LOG, run.data.file, *made):
+            if (path / name).exists():
+                raise InputError(f"{path} holds {name} already: name another folder")
         try:
-            for name in (run.path.name, *_named(run.path)):
+            for name in copied:
                 given = content if name == run.path.name else None
                 with atomic_write(path / name) as temporary:
                     temporary.write_bytes(given or (run.path.parent / name).read_bytes())
@@ -74,14 +81,23 @@ class Folder:
         """Return the folder of a run that is there, by the name of its run file."""
         return cls(Path(path), read(Path(path) / run_file))
 
-    def discard(self) -> None:
-        """Remove what `begin` made, of a run that never was."""
-        for name in (LOG, JOURNAL, f"{JOURNAL}-wal", f"{JOURNAL}-shm"):
-            (self.path / name).unlink(missing_ok=True)
-        for name in (self.run.path.name, *_named(self.run.path)):
-            (self.path / name).unlink()
-        with suppress(OSError):  # a folder that was there before may hold other files
-            self.path.rmdir()
+    @contextmanager
+    def kept_if_begun(self, *more: str) -> Generator[None]:
+        """Remove what `begin` made, and `more` files, where the context fails before a run began.
+
+        Of devices that were not there nothing is left, and the folder's name is free again.
+        """
+        try:
+            yield
+        except BaseException:
+            if not (self.log.exists() and self.log.stat().st_size):
+                journal = (JOURNAL, f"{JOURNAL}-wal", f"{JOURNAL}-shm")
+                copied = (self.run.path.name, *_named(self.run.path))
+                for name in (LOG, *journal, *copied, *more):
+                    (self.path / name).unlink(missing_ok=True)
+                with suppress(OSError):  # a folder that was there before may hold other files
+                    self.path.rmdir()
+            raise
 
     @property
     def log(self) -> Path:
@@ -159,7 +175,8 @@ def resumed(
     ----------
     path : path
     addresses : tuple of str
-        Of table, IMU and clock, where they are others now.
+        Of table, IMU and clock, where they are others now; another table without a clock goes by
+        the wall's.
 
     Raises
     ------
@@ -172,11 +189,13 @@ def resumed(
         if was.state == "done":
             raise InputError(f"{path}: this run is done; its recording can be calibrated again")
         folder = Folder.of(path, was.run_file)
-        now = [new or old for new, old in zip(addresses, was.addresses, strict=True)]
-        before, after = (layout_of_address(imu).name for imu in (was.imu, now[1]))
+        table, imu = addresses[0] or was.table, addresses[1] or was.imu
+        # The clock is the table's: another table has its own, or the wall's.
+        clock = addresses[2] or ("" if addresses[0] else was.clock)
+        before, after = (layout_of_address(one).name for one in (was.imu, imu))
         if before != after:
             raise InputError(f"{path}: what its log holds are packets of {before}, not {after}")
-        journal.move((now[0], now[1], now[2]))
+        journal.move((table, imu, clock))
     except BaseException:
         journal.close()
         raise

@@ -24,6 +24,7 @@ from inercal.host.drivers.table import AxisLimits, TableState
 from inercal.pipeline.turntable.rates import half_window, of_gyros, of_table
 from inercal.recording import Track
 from inercal.sensors import Sensor
+from inercal.units import ZERO_CELSIUS
 
 Array = NDArray[np.float64]
 _SHARE = 0.5  # of the following error at which the servo gives up
@@ -33,7 +34,6 @@ _WARM = 1.0  # s that a temperature must be outside: one false packet tells noth
 _APART, _OF_RATE, _LASTING = radians(5), 0.05, 0.2  # rad/s, part of the rate, s
 _STANDS = radians(0.5)  # rad/s
 _EXPLAINED = 0.25  # of the square of what is between gyros and table may be left
-_ZERO = 273.15  # K
 
 
 class Interlocks:
@@ -117,8 +117,8 @@ class Interlocks:
             low, high = self._temperature
             if self._lasts("temperature", not low <= temperature <= high, now, _WARM):
                 return (
-                    f"the IMU is at {temperature - _ZERO:.1f} °C; possible: {low - _ZERO:.1f} to "
-                    f"{high - _ZERO:.1f} °C"
+                    f"the IMU is at {temperature - ZERO_CELSIUS:.1f} °C; possible: "
+                    f"{low - ZERO_CELSIUS:.1f} to {high - ZERO_CELSIUS:.1f} °C"
                 )
         return None
 

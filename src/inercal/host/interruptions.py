@@ -94,6 +94,11 @@ class Interruptions:
         for line in self._guard.said():
             if line in ("at rest", "ready"):
                 self._pauses.pop("watchdog", None)
+            elif line.startswith("killed"):
+                # What did not slow down is not set going again without somebody having looked.
+                self.end(f"watchdog: {line}")
+            elif "watchdog" in self._pauses:
+                self._say("warning", f"watchdog: {line}")
             else:
                 self._pause("watchdog", f"watchdog: {line}")
         if not self._guard.alive:
@@ -108,12 +113,13 @@ class Interruptions:
     def end(self, words: str) -> None:
         """Abort the run; why is said once, and the first reason is the run's trouble."""
         self.trouble = self.trouble or words
+        # Before anything is said: a journal may have to be waited for, or be what has failed.
+        if not self._sequencer.over:
+            self._stop(self._sequencer.abort)
         # While the table comes to rest it is looked at again and again: once said is enough.
         if words not in self._ends:
             self._ends.add(words)
             self._say("alarm", words)
-        if not self._sequencer.over:
-            self._stop(self._sequencer.abort)
 
     def add(self, words: str) -> None:
         """Say what came to be known after the end, and add it to the run's trouble."""
@@ -124,5 +130,5 @@ class Interruptions:
         if why in self._pauses or self._sequencer.over:
             return
         self._pauses[why] = words
-        self._say("warning", f"{words}; the table stops, the step in hand will be repeated")
         self._stop(self._sequencer.pause)
+        self._say("warning", f"{words}; the table stops, the step in hand will be repeated")

@@ -39,7 +39,7 @@ from inercal.host.sequencer import Command, Sequencer
 from inercal.host.states import pack
 from inercal.host.tasks import tasks
 
-_SHOWN = 0.2  # s of the wall's between two looks at the run
+SHOWN = 0.2  # s of the wall's between two looks at the run
 _NO_PACKET = 5.0  # s
 _AFTER = 1.0  # s that are recorded on: the last samples wait for what the table says after them
 _PATIENCE, _SIMULATED = 600.0, 10.0  # s that it looks for a table that is gone
@@ -72,7 +72,7 @@ class Options(NamedTuple):
     patience: float = 120.0
 
 
-_ORDINARY = Options()
+ORDINARY = Options()
 
 
 class BenchRun:
@@ -113,9 +113,9 @@ class BenchRun:
         folder: Folder,
         journal: Journal,
         addresses: Addresses,
-        options: Options = _ORDINARY,
+        options: Options = ORDINARY,
         show: Callable[["BenchRun"], None] | None = None,
-        every: float = _SHOWN,
+        every: float = SHOWN,
     ):
         run, bench = folder.run, turntable_of(folder.run)
         self.tasks = tasks(bench, run.table_steps)
@@ -188,6 +188,7 @@ class BenchRun:
         """
         with self._guard.catch_signals():
             try:
+                self._journal.end("running")
                 self._attach()
                 self._clock.begin(self._next)
                 # The watchdog of a host that was killed may be stopping the table still.
@@ -205,7 +206,7 @@ class BenchRun:
         self._over = monotonic()
         done = self.sequencer.phase == "done" and not self.trouble
         self._journal.end("carried out" if done else "interrupted")
-        self._show(self)
+        self._look()
         return done
 
     def _tick(self) -> None:
@@ -237,10 +238,14 @@ class BenchRun:
             self._work()
         if monotonic() - self._shown >= self._every:
             self._shown = monotonic()
-            try:
-                self._show(self)
-            except OSError:  # nobody looks any more, and the run goes on
-                self._show = _blind
+            self._look()
+
+    def _look(self) -> None:
+        """Show the run to who looks on."""
+        try:
+            self._show(self)
+        except OSError:  # nobody looks any more, and the run goes on
+            self._show = _blind
 
     def _read(self) -> tuple[float, TableState] | None:
         """Return when the table was read, and its state; None where that failed."""

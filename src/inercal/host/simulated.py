@@ -5,16 +5,22 @@ import subprocess
 import sys
 from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Literal, Self
 
 from inercal.errors import InputError
+from inercal.host.compile import compiled
+from inercal.host.packets import read_layout
 from inercal.host.sim import motion_link
 from inercal.host.sim.bench import COUNTS
 from inercal.host.sim.drawn import draw
-from inercal.runfile import read
+from inercal.runfile import Run, read
 
+# So seldom minutes pass in seconds; at 15 °/s² angles between are within some arcseconds.
+POLL = 0.05  # s
+STARTING = "starting a simulated bench; the first time on a machine all is compiled, about a minute"
 _ENDING = 10.0  # s of the wall in which a process ends by itself
 
 
@@ -90,6 +96,11 @@ class SimulatedBench:
         self.table = f"{table.replace('tcp', 'pmac', 1)}?motors={motors}&counts={COUNTS}"
         self.imu = f"{imu}?preset={preset}"
         self.clock = clock[0] if clock else None
+
+    @property
+    def addresses(self) -> tuple[str, str, str]:
+        """Of table, IMU and clock, "" where there is none."""
+        return self.table, self.imu, self.clock or ""
 
     def tell(self, which: Literal["table", "imu"], words: str) -> None:
         """Tell a process a fault; see `sim.process.obey` and `sim.mimu`.
@@ -176,6 +187,24 @@ class SimulatedBench:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def started(run: Run, seed: int, preset: str) -> SimulatedBench:
+    """Start a bench whose time is granted, and compile meanwhile what its host needs.
+
+    Parameters
+    ----------
+    run : Run
+    seed, preset
+        As of `SimulatedBench`.
+
+    Raises
+    ------
+    InputError
+        As `SimulatedBench`.
+    """
+    compiling = partial(compiled, run, read_layout(preset))
+    return SimulatedBench(run.path, seed, preset, meanwhile=compiling)
 
 
 def _keep(process: int, on: set[int]) -> None:

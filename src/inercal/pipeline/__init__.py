@@ -36,6 +36,7 @@ from inercal.plan import Step
 from inercal.recording import Finding, Mark, Observations, Recording
 from inercal.runfile import Run, read
 from inercal.segments import FoundRests
+from inercal.units import ZERO_CELSIUS
 
 _ALL = 3  # axes of a kind that see every component
 
@@ -271,7 +272,7 @@ def _temperature(recording: Recording | None) -> dict[str, str]:
     if recording is None or recording.temperature is None:
         return {}
     t = recording.temperature
-    return {"temperature": f"{t.mean() - 273.15:.2f} °C ({np.ptp(t):.2f} K range)"}
+    return {"temperature": f"{t.mean() - ZERO_CELSIUS:.2f} °C ({np.ptp(t):.2f} K range)"}
 
 
 def _digest(run: Run, recording: Recording | None) -> str:

@@ -4,6 +4,7 @@ import numpy as np
 
 from inercal.calibration import Calibration
 from inercal.errors import InercalError, InputError
+from inercal.units import ZERO_CELSIUS
 
 _HELD = 1e-12  # of a coefficient's natural size: what a frame or a user fixed, not the data
 
@@ -25,7 +26,8 @@ def brought(calibration: Calibration, like: Calibration) -> Calibration:
     mine, its = (one.sensor.reference_temperature for one in (calibration, like))
     if dependent and mine != its:
         raise InputError(
-            f"its reference temperature is {mine - 273.15:g} °C, not {its - 273.15:g} °C"
+            f"its reference temperature is {mine - ZERO_CELSIUS:g} °C, "
+            f"not {its - ZERO_CELSIUS:g} °C"
         )
     try:
         # The frame first: it keeps the form, and finds more than the form needs.

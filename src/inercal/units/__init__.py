@@ -9,7 +9,7 @@ here, at the edge, and nowhere else. Three choices differ from a general units l
 - A stated uncertainty is a standard uncertainty (k = 1) unless "(k=2)" or the like follows.
 """
 
-from inercal.units.expression import factor, to_si
+from inercal.units.expression import ZERO_CELSIUS, factor, to_si
 from inercal.units.quantity import Measured, digits, parse, readable
 
-__all__ = ["Measured", "digits", "factor", "parse", "readable", "to_si"]
+__all__ = ["ZERO_CELSIUS", "Measured", "digits", "factor", "parse", "readable", "to_si"]

@@ -71,7 +71,7 @@ _KINDS = {
     "LSB": "a count",
     "sample": "a number of samples",
 }
-_ZERO_CELSIUS = 273.15  # K, exact (SI brochure, 9th edition, 2.3.1)
+ZERO_CELSIUS = 273.15  # K, exact (SI brochure, 9th edition, 2.3.1)
 
 # Characters that look alike or that keyboards lack; µ and μ are two letters to Unicode.
 _LOOK_ALIKE = str.maketrans("μ−–º˚⋅×\u00a0\u2009\u202f\t", "µ--°°··    ")
@@ -201,7 +201,7 @@ def read_unit(unit: str) -> Unit:
     return Unit(
         float(size),
         frozenset((name.strip("[]"), float(power)) for name, power in dimension.items()),
-        _ZERO_CELSIUS if powers == {"degC": 1} else 0.0,
+        ZERO_CELSIUS if powers == {"degC": 1} else 0.0,
     )
 
 

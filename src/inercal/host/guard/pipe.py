@@ -37,6 +37,8 @@ class Guard:
     ----------
     interrupted : bool
         A signal came within `catch_signals`.
+    killed : bool
+        It has said that it took the power off an axis, which did not slow down.
 
     Raises
     ------
@@ -45,7 +47,7 @@ class Guard:
     """
 
     def __init__(self, address: str, silence: float = 1.5, patience: float = 600.0):
-        self.interrupted = False
+        self.interrupted = self.killed = False
         self._heard, self._beaten = b"", -1.0
         self._left = False
         command = [sys.executable, "-P", "-m", "inercal.host.guard", address]
@@ -85,8 +87,10 @@ class Guard:
         with suppress(OSError):
             while data := os.read(self._lines, 1 << 16):
                 self._heard += data
-        *lines, self._heard = self._heard.split(b"\n")
-        return [line.decode("utf-8", "replace") for line in lines]
+        *ended, self._heard = self._heard.split(b"\n")
+        lines = [line.decode("utf-8", "replace") for line in ended]
+        self.killed |= any(line.startswith("killed") for line in lines)
+        return lines
 
     @contextmanager
     def catch_signals(self) -> Generator[None]:

@@ -1,19 +1,23 @@
 """One run, from the order to the register, told while it goes on."""
 
 import os
-from collections.abc import Generator, Mapping
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from collections.abc import Mapping
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from datetime import UTC, datetime
 from pathlib import Path
 from time import sleep
 from typing import Any
 
 from inercal.host.addresses import layout_of_address
+from inercal.host.carry import Interrupted, carried_out
 from inercal.host.compile import compiled
 from inercal.host.folder import JOURNAL, POLL, Folder, begin, resumed
 from inercal.host.journal import Journal
+from inercal.host.live import Live
 from inercal.host.record import turntable_of
 from inercal.host.run import Addresses, BenchRun, Options
+from inercal.host.simulated import POLL as SIMULATED_POLL
+from inercal.host.simulated import STARTING, started
 from inercal.host.web import pictures, simulating
 from inercal.host.web.control import Control
 from inercal.host.web.ending import Ending
@@ -53,7 +57,7 @@ class Carrying:
             addresses = self._addresses(run, bench, opened)
             made, journal = self._made(run, addresses)
             opened.enter_context(journal)
-            with self._kept_if_it_was(made):
+            with made.kept_if_begun(NOTE) if self._order.plan is not None else nullcontext():
                 opened.callback(os.close, note(made.path, bench))
                 journal.event("info", self._words(bench))
                 ending = Ending(self._order, made, journal)
@@ -68,10 +72,12 @@ class Carrying:
         """Have done what is left of a run; return what is told of its end."""
         live = None
         if journal.header().state != "carried out":
-            going, done = self._driven(made, journal, teller, ending)
-            if not done:
-                return ending.interrupted(going.trouble)
-            live = going.account.live
+            try:
+                live = self._carried_out(made, journal, teller, ending)
+            except Interrupted as error:
+                return ending.interrupted(str(error))
+            finally:
+                teller.events()
         self._control.interruptible = False
         self._phase("finishing: recording, calibration, report")
         return ending.finished(live)
@@ -96,14 +102,14 @@ class Carrying:
         order = self._order
         if wanted is None:
             return Addresses(order.table, order.imu, order.clock)
-        self._phase(simulating.WORDS)
-        bench = opened.enter_context(simulating.started(run, wanted))
+        self._phase(STARTING)
+        bench = opened.enter_context(started(run, wanted.seed, wanted.preset))
         self._compiled = True
         if order.plan is None:
             simulating.let_pass(bench, self._folder)
         if order.speed is None:
             self._beside = bench.beside()
-        return simulating.addresses(bench)
+        return Addresses(*bench.addresses)
 
     def _made(self, run: Run, addresses: Addresses) -> tuple[Folder, Journal]:
         """Return the run's folder and its journal, both made if need be."""
@@ -111,25 +117,13 @@ class Carrying:
         if order.plan is None:
             return resumed(self._folder, addresses)
         content = None if order.sensor is None else renamed(run.path, order.sensor)
-        poll = POLL if simulating.wanted(order) is None else simulating.POLL
+        poll = POLL if simulating.wanted(order) is None else SIMULATED_POLL
         return begin(self._folder, run, addresses, poll, content)
 
-    @contextmanager
-    def _kept_if_it_was(self, made: Folder) -> Generator[None]:
-        """Leave nothing of a run whose devices were not there."""
-        try:
-            yield
-        except BaseException:
-            empty = not (made.log.exists() and made.log.stat().st_size)
-            if self._order.plan is not None and empty:
-                (made.path / NOTE).unlink(missing_ok=True)
-                made.discard()
-            raise
-
-    def _driven(
+    def _carried_out(
         self, made: Folder, journal: Journal, teller: Teller, ending: Ending
-    ) -> tuple[BenchRun, bool]:
-        """Have the plan carried out, or what is left of it; tell whether all is done."""
+    ) -> Live | None:
+        """Have the plan carried out, or what is left of it; return what was found meanwhile."""
         was = journal.header()
         if not self._compiled:
             self._phase("compiling what a run needs, once on each machine")
@@ -141,13 +135,13 @@ class Carrying:
             if run.paused and was.clock:
                 sleep(EVERY)  # a simulated bench has no reason to hurry while it waits
 
-        addresses, options = Addresses(*was.addresses), Options(self._order.speed)
-        with BenchRun(made, journal, addresses, options, show, EVERY) as going:
-            self._control.attach(going)
-            with self._beside, ending.keeper.meanwhile():
-                done = going.carry_out()
-        teller.events()
-        return going, done
+        def beside(run: BenchRun) -> AbstractContextManager[None]:
+            self._control.attach(run)
+            return self._beside
+
+        options, meanwhile = Options(self._order.speed), ending.keeper.meanwhile
+        run = carried_out(made, journal, options, show, EVERY, beside, meanwhile)
+        return run.account.live
 
     def _phase(self, words: str) -> None:
         self._publisher.tell("phase", run=self._order.name, words=words)

@@ -16,9 +16,9 @@ from inercal.host.drivers.table import AxisState
 from inercal.host.run import BenchRun
 from inercal.host.tasks import tasks
 from inercal.runfile import Run
+from inercal.units import ZERO_CELSIUS
 
 Array = NDArray[np.float64]
-_ZERO = 273.15  # K
 _DIGITS = 7
 
 
@@ -86,7 +86,7 @@ def state(run: BenchRun, bench: Turntable, angles: Array | None) -> dict[str, An
             "thrown": counts.thrown,
             "samples": tally.samples,
             "no_angle": tally.no_angle,
-            "temperature": number(run.account.temperature - _ZERO, 4),
+            "temperature": number(run.account.temperature - ZERO_CELSIUS, 4),
         },
         "attitude": _attitude(run, bench, angles),
     }

@@ -1,22 +1,14 @@
 """The bench that is simulated for one run, and for the same run when it goes on later."""
 
-from functools import partial
 from pathlib import Path
 
 from inercal.host.clock import SimulatedClock
-from inercal.host.compile import compiled
 from inercal.host.folder import LOG
 from inercal.host.log import frames
-from inercal.host.packets import read_layout
-from inercal.host.run import Addresses
 from inercal.host.simulated import SimulatedBench
 from inercal.host.web.order import Order, Simulated, noted
-from inercal.runfile import Run
 
 _STEP, _LATER = 10.0, 2.0  # s of the bench
-# So seldom minutes pass in seconds; at 15 °/s² angles between are within some arcseconds.
-POLL = 0.05  # s
-WORDS = "starting the simulated bench; the first time on a machine all is compiled, about a minute"
 
 
 def wanted(order: Order) -> Simulated | None:
@@ -29,23 +21,6 @@ def wanted(order: Order) -> Simulated | None:
     if order.simulated is None:
         return None if order.table or order.imu else was
     return Simulated(order.simulated, was.seed if was is not None else order.seed)
-
-
-def started(run: Run, bench: Simulated) -> SimulatedBench:
-    """Return the bench, alike for one run however often it goes on; compiles meanwhile.
-
-    Raises
-    ------
-    InputError
-        As `SimulatedBench`.
-    """
-    compiling = partial(compiled, run, read_layout(bench.preset))
-    return SimulatedBench(run.path, bench.seed, bench.preset, meanwhile=compiling)
-
-
-def addresses(bench: SimulatedBench) -> Addresses:
-    """Return where a simulated bench is."""
-    return Addresses(bench.table, bench.imu, bench.clock or "")
 
 
 def let_pass(bench: SimulatedBench, folder: Path) -> None:

@@ -1,0 +1,80 @@
+"""The folder of a run: what it takes in, what it leaves alone, what is left where a run failed."""
+
+from pathlib import Path
+
+import pytest
+from tests.host.benches import plan
+
+from inercal.errors import InputError
+from inercal.host.folder import Folder, begin, resumed
+
+TABLE, IMU = "pmac://10.0.0.5:1025?motors=1,2,3&counts=3600000", "tcp://10.0.0.5:99?preset=fixed"
+CLOCK = "clock://127.0.0.1:40000"
+ELSEWHERE = TABLE.replace(".5:", ".6:")
+
+
+@pytest.mark.parametrize("name", ["plan.toml", "plan.report.html", "plan.calibration.json"])
+def test_a_folder_that_holds_a_file_of_a_runs_name_is_refused_and_left_as_it_is(
+    tmp_path: Path, name: str
+):
+    run = plan(tmp_path / "plan")
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / name).write_text("mine", encoding="utf-8")
+    with pytest.raises(InputError, match=f"out holds {name} already: name another folder"):
+        begin(out, run, (TABLE, IMU, ""))
+    assert [(one.name, one.read_text(encoding="utf-8")) for one in out.iterdir()] == [
+        (name, "mine")
+    ]
+
+
+def test_a_run_in_the_folder_of_its_own_plan_is_refused(tmp_path: Path):
+    run = plan(tmp_path)
+    before = {one.name: one.read_bytes() for one in tmp_path.iterdir()}
+    with pytest.raises(InputError, match=r"holds plan\.toml already"):
+        begin(tmp_path, run, (TABLE, IMU, ""))
+    assert {one.name: one.read_bytes() for one in tmp_path.iterdir()} == before
+
+
+def begun(tmp_path: Path) -> Folder:
+    made, journal = begin(tmp_path / "run", plan(tmp_path / "plan"), (TABLE, IMU, CLOCK))
+    journal.close()
+    return made
+
+
+@pytest.mark.parametrize("why", [InputError("nobody is there"), KeyboardInterrupt()])
+def test_of_a_run_that_was_not_begun_nothing_is_left(tmp_path: Path, why: BaseException):
+    made = begun(tmp_path)
+    (made.path / "note").touch()
+    made.log.touch()
+    with pytest.raises(type(why)), made.kept_if_begun("note"):
+        raise why
+    assert not made.path.exists()
+
+
+def test_of_a_run_that_was_begun_all_is_left(tmp_path: Path):
+    made = begun(tmp_path)
+    made.log.write_bytes(b"something")
+    before = sorted(made.path.iterdir())
+    with pytest.raises(KeyboardInterrupt), made.kept_if_begun():
+        raise KeyboardInterrupt
+    assert sorted(made.path.iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    ("given", "clock"),
+    [
+        (("", "", ""), CLOCK),
+        (("", IMU.replace(":99", ":98"), ""), CLOCK),
+        ((ELSEWHERE, "", ""), ""),
+        ((ELSEWHERE, "", "clock://127.0.0.1:1"), "clock://127.0.0.1:1"),
+    ],
+)
+def test_a_run_that_goes_on_at_another_table_goes_by_its_clock(
+    tmp_path: Path, given: tuple[str, str, str], clock: str
+):
+    made = begun(tmp_path)
+    _, journal = resumed(made.path, given)
+    with journal:
+        was = journal.header()
+    assert was.addresses == (given[0] or TABLE, given[1] or IMU, clock)

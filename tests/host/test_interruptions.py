@@ -1,0 +1,103 @@
+"""What pauses a run and what ends it, and in which order the table and the operator are told."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import pytest
+
+from inercal.errors import InputError
+from inercal.host.interruptions import Interruptions
+from inercal.host.sequencer import Command, Stop
+
+
+@dataclass
+class Sequencer:
+    phase: str = "work"
+    over: bool = False
+
+    def pause(self, time: float) -> list[Command]:
+        self.phase = "paused"
+        return [Stop()]
+
+    def abort(self, time: float) -> list[Command]:
+        self.phase, self.over = "aborted", True
+        return [Stop()]
+
+    def go_on(self) -> None:
+        self.phase = "approach"
+
+
+@dataclass
+class Guard:
+    alive: bool = True
+    interrupted: bool = False
+    says: list[str] = field(default_factory=list)
+
+    def said(self) -> list[str]:
+        said, self.says = self.says, []
+        return said
+
+
+@dataclass
+class Imu:
+    trouble: str | None = None
+    since: float = 0.0
+
+
+class Kept:
+    """An `Interruptions` and, in their order, what it has done."""
+
+    def __init__(self, fails: bool = False):
+        self.done: list[str] = []
+        self.guard, self.imu, self.sequencer = Guard(), Imu(), Sequencer()
+        self._fails = fails
+        self.made = Interruptions(self.sequencer, self.guard, self._stop, self._say)  # pyright: ignore[reportArgumentType]
+
+    def look(self) -> None:
+        self.made.look_at_guard()
+        self.made.look(0.0, self.imu, 10.0)  # pyright: ignore[reportArgumentType]
+
+    def _stop(self, how: Callable[[float], list[Command]]) -> None:
+        self.done.append(f"{len(how(0.0))} stop")
+
+    def _say(self, level: str, words: str) -> None:
+        if self._fails:
+            raise InputError("no space left on device")
+        self.done.append(words)
+
+
+def test_the_table_is_stopped_before_anything_is_said():
+    for fails in (False, True):
+        kept = Kept(fails)
+        if fails:
+            with pytest.raises(InputError, match="no space"):
+                kept.made.end("the table is gone")
+        else:
+            kept.made.end("the table is gone")
+        assert kept.done[0] == "1 stop"
+        assert kept.made.trouble == "the table is gone"
+
+
+def test_a_watchdog_that_stops_the_table_pauses_the_run_until_it_rests():
+    kept = Kept()
+    kept.guard.says = ["stopping: the host was silent for 1.5 s"]
+    kept.look()
+    assert kept.made.paused == "watchdog: stopping: the host was silent for 1.5 s"
+    kept.guard.says = ["cannot: lost"]
+    kept.look()
+    assert kept.done[-1] == "watchdog: cannot: lost"
+    kept.guard.says = ["at rest"]
+    kept.look()
+    assert (kept.made.paused, kept.sequencer.phase) == ("", "approach")
+    assert kept.done[-1] == "goes on"
+
+
+def test_a_run_whose_table_the_watchdog_had_to_switch_off_does_not_go_on():
+    kept = Kept()
+    kept.guard.says = ["stopping: the host was silent for 1.5 s", "killed: it did not slow down"]
+    kept.look()
+    kept.guard.says = ["at rest"]
+    kept.look()
+    assert kept.sequencer.phase == "aborted"
+    assert kept.made.trouble == "watchdog: killed: it did not slow down"
+    assert "goes on" not in kept.done
