@@ -143,10 +143,6 @@ class SimulatedBench:
         finally:
             _keep(os.getpid(), all_of_them)
 
-    def truth(self) -> dict[str, float]:
-        """Return all of the bench's parameters as they were drawn, by name, SI."""
-        return dict(self._drawn.values)
-
     def close(self) -> None:
         """End the processes."""
         for process in self._processes.values():
