@@ -21,7 +21,7 @@ from inercal.store import Register
 from inercal.store.address import address_of
 
 FEW = 10
-FILES = 300  # more than are entered before the kills are over
+FILES = 600  # more than are entered before the kills are over
 KILLS = 50
 OF_RUN = 20  # files
 # Forks a writer for each line that it is sent: the register's address, the folder, the number of
@@ -186,26 +186,26 @@ def test_fifty_kills_lose_nothing_and_leave_nothing_half(
     files.mkdir()
     written(files, FILES)
     told: set[tuple[str, int]] = set()
-    first, within = 0, 0
-    for _ in range(KILLS):
+    first, tried, within = 0, 0, 0
+    while within < KILLS:
         times: list[float] = []
         timer = Timer(0.0, print)
-        until = rng.randrange(2, 4)
+        until = rng.randrange(3, 5)
         writers.start(address, files, first)
         for kind, number, k in writers.told():
             told.add((kind, number))
             first = k + 1
             times.append(monotonic())
             if len(times) == until:
-                # As long as the last write took is how long this one will take.
-                wait = rng.uniform(0.0, 1.2 * (times[-1] - times[-2]))
+                # As long as the last one of its kind took is how long this write will take.
+                wait = rng.uniform(0.0, times[-2] - times[-3])
                 timer = Timer(wait, os.kill, (writers.pid, signal.SIGKILL))
                 timer.start()
         timer.join()
         assert writers.status == -signal.SIGKILL
-        within += len(times) == until
+        tried, within = tried + 1, within + (len(times) == until)
         require_sound(address, told)
-    assert within > KILLS // 2
+    print(f"{within} of {tried} kills within a write")
     # What was in hand when a writer was killed is entered by the next one.
     writers.start(address, files)
     last = [k for _, _, k in writers.told()]
