@@ -6,10 +6,12 @@ as the controller counts. `TableState.time` is the controller's servo clock, nev
 """
 
 from dataclasses import dataclass
-from math import degrees, inf, isfinite
+from math import degrees, inf, isfinite, radians
 from typing import Protocol, Self
 
 from inercal.errors import InercalError, InputError
+
+AT_REST = radians(0.5)  # rad/s; a PMAC of few counts a turn rounds its rates to almost that
 
 
 class ProtocolError(InercalError):
