@@ -94,6 +94,13 @@ class AxisState:
         """The move is over; neither sign says so alone: a servo may keep its band in motion."""
         return self.in_position and not self.moving
 
+    @property
+    def words(self) -> str:
+        """What it does, for an operator: its faults, else "off", "turns" or "holds"."""
+        if self.faults:
+            return ", ".join(self.faults)
+        return "off" if not self.enabled else "turns" if self.moving else "holds"
+
 
 @dataclass(frozen=True)
 class TableState:
