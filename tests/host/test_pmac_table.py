@@ -11,7 +11,7 @@ from inercal.host.drivers.pmac import Pmac, PmacAxis
 from inercal.host.drivers.pmac_codec import Refused
 from inercal.host.drivers.pmac_dialogue import Dialogue
 from inercal.host.drivers.table import ProtocolError, TableFault
-from inercal.host.link import LinkLost
+from inercal.host.link import Link, LinkLost, open_link
 from inercal.host.sim.pmac import SimulatedPmac
 from inercal.host.sim.server import Server
 
@@ -340,13 +340,21 @@ def test_motors_that_are_off_or_skip_cycles_are_refused(pmac: Served):
         Pmac(pmac.address, [PmacAxis("fourth", 7, COUNTS)])
 
 
-def test_readings_survive_replies_in_pieces_and_a_dropped_connection(pmac: Served, table: Pmac):
-    pmac.faults.fragment = 1
-    table.move("inner", 0.5, 1.0, 1.0)
-    pmac.advance(3.0)
-    assert table.read().axes[2].angle == pytest.approx(0.5, abs=2 * COUNT)
-    pmac.drop()
-    with pytest.raises(LinkLost):
-        table.read()
-    assert table.read().axes[2].angle == pytest.approx(0.5, abs=2 * COUNT)
-    assert table.reconnected == 1
+def test_readings_survive_replies_in_pieces_and_a_dropped_connection(pmac: Served):
+    links: list[Link] = []
+
+    def opener(address: str) -> Link:
+        links.append(open_link(address))
+        return links[-1]
+
+    with Pmac(pmac.address, INNER, 5.0, opener) as table:
+        table.enable()
+        pmac.faults.fragment = 1
+        table.move("inner", 0.5, 1.0, 1.0)
+        pmac.advance(3.0)
+        assert table.read().axes[0].angle == pytest.approx(0.5, abs=2 * COUNT)
+        pmac.drop()
+        with pytest.raises(LinkLost):
+            table.read()
+        assert table.read().axes[0].angle == pytest.approx(0.5, abs=2 * COUNT)
+    assert len(links) == 2

@@ -113,11 +113,6 @@ class Pmac:
         """As `RotaryTable.wraps`: 2²⁴ servo cycles, s."""
         return _CYCLES * self.period
 
-    @property
-    def reconnected(self) -> int:
-        """How many times the connection had to be made anew."""
-        return self._dialogue.reconnected
-
     def identity(self) -> str:
         """Return the firmware's version and the controller's type."""
         version, kind = self._ask("VERSION TYPE", 2)
