@@ -125,6 +125,23 @@ def test_replies_in_pieces_are_the_same(server: Served, table: Acutrol):
     assert table.read().axes[0].angle == pytest.approx(0.4)
 
 
+@pytest.mark.parametrize(("rate", "rests"), [(0.04, True), (-0.04, True), (0.06, False)])
+def test_a_table_that_stands_is_at_rest_though_the_readout_of_its_rate_is_noisy(
+    scripted: Any, rate: float, rests: bool
+):
+    def answer(line: bytes) -> bytes:
+        if b"absolute" in line:
+            return b"400,500,1e4,-1e9,1e9,0\n"
+        return b"0\n" if b"stb" in line else f"30.0005;{rate};Closed\n".encode()
+
+    with Acutrol("tcp://x:1", AXES[:1], opener=lambda _: scripted(answer)) as table:
+        table.stop()
+        assert table.read().axes[0].settled == rests
+        for goal, near in ((30.0, True), (30.002, False)):
+            table.move("outer", radians(goal), 1.0, 1.0)
+            assert table.read().axes[0].settled == (rests and near)
+
+
 @pytest.mark.parametrize("reply", [b"1;2\n", b"a;0;Closed\n", b"1;0;Closed\n;", b"\xff;0;Open\n"])
 def test_what_is_no_reading_is_refused(scripted: Any, reply: bytes):
     def answer(line: bytes) -> bytes:

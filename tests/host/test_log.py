@@ -1,5 +1,7 @@
 """The log of a run: sound whatever moment the host dies at."""
 
+import errno
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -80,6 +82,33 @@ def test_the_digest_is_that_of_the_bytes(tmp_path: Path):
     file = tmp_path / "abc"
     file.write_bytes(b"abc")  # FIPS 180-2, B.1
     assert digest(file) == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+
+
+def test_a_frame_that_the_disk_took_in_part_is_cut_off_and_the_next_stands_behind_a_whole_one(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    write = os.write
+    with Log(path) as log:
+        with monkeypatch.context() as full:
+            full.setattr(os, "write", lambda file, data: write(file, data[:10]))
+            with pytest.raises(InputError, match="no space left on device"):
+                log.append(*WRITTEN[0])
+        log.append(*WRITTEN[1])
+    assert list(frames(path)) == [*WRITTEN, WRITTEN[1]]
+
+
+def test_a_disk_that_does_not_take_a_log_at_its_end_is_told_in_words_and_the_log_is_closed(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def fails(file: int) -> None:
+        raise OSError(errno.EIO, "Input/output error")
+
+    log = Log(path)
+    with monkeypatch.context() as gone:
+        gone.setattr(os, "fsync", fails)
+        with pytest.raises(InputError, match=r"run\.log: cannot be written: Input/output error$"):
+            log.close()
+    Log(path).close()  # no descriptor holds its lock
 
 
 HOLDER = """

@@ -8,7 +8,7 @@ import pytest
 from inercal.host.drivers.pmac_codec import Refused
 from inercal.host.drivers.pmac_dialogue import Dialogue
 from inercal.host.drivers.table import ProtocolError
-from inercal.host.link import LinkLost
+from inercal.host.link import Link, LinkLost, open_link
 from inercal.host.sim.pmac import SimulatedPmac
 from inercal.host.sim.server import Server
 
@@ -19,13 +19,25 @@ def _simulated() -> Callable[[bytes], bytes]:
     return SimulatedPmac().session().feed
 
 
+def _keeping(links: list[Link], opener: Callable[[str], Link] = open_link) -> Callable[[str], Link]:
+    """Return an opener that keeps what it opens."""
+
+    def opens(address: str) -> Link:
+        links.append(opener(address))
+        return links[-1]
+
+    return opens
+
+
 @pytest.mark.parametrize("size", [1, 2, 3, 7, 1399, 1400])
 def test_replies_in_pieces_of_any_size_are_the_same(scripted: Any, size: int):
     line = " ".join(["I20..23 #1P I10"] * 60)
-    with Dialogue("tcp://x:1", 1.0, lambda _: scripted(_simulated(), size)) as dialogue:
+    links: list[Link] = []
+    opener = _keeping(links, lambda _: scripted(_simulated(), size))
+    with Dialogue("tcp://x:1", 1.0, opener) as dialogue:
         lines = dialogue.ask(line, 360)
         assert lines == ["$78400", "$0", "$0", "$0", "0", "3713707"] * 60
-        assert dialogue.reconnected == 0
+    assert len(links) == 1
 
 
 def test_a_long_reply_is_asked_for_in_chunks_of_1400(scripted: Any):
@@ -70,14 +82,15 @@ def test_the_rest_of_a_reply_cut_by_a_timeout_is_never_taken_for_the_next(script
 
         return scripted(answer)
 
-    with Dialogue("tcp://x:1", 0.02, opener) as dialogue:
+    links: list[Link] = []
+    with Dialogue("tcp://x:1", 0.02, _keeping(links, opener)) as dialogue:
         with pytest.raises(
             ProtocolError, match=r"within 0.02 s \(3 bytes came\); it may have been"
         ):
             dialogue.ask("#1P #2P", 2)
         assert late
         assert dialogue.ask("I10", 1) == ["3713707"]
-        assert dialogue.reconnected == 1
+    assert len(links) == 2
 
 
 def test_bytes_that_come_unasked_end_the_connection(scripted: Any):
@@ -103,13 +116,14 @@ def test_another_number_of_lines_is_no_answer(pmac: Served):
 
 
 def test_a_refusal_keeps_the_connection(pmac: Served):
-    with Dialogue(pmac.address) as dialogue:
+    links: list[Link] = []
+    with Dialogue(pmac.address, opener=_keeping(links)) as dialogue:
         with pytest.raises(Refused, match="ERR003"):
             dialogue.ask("nonsense")
         with pytest.raises(Refused, match="ERR015"):
             dialogue.ask("&1 B5R")
         assert dialogue.ask("I10", 1) == ["3713707"]
-        assert dialogue.reconnected == 0
+    assert len(links) == 1
 
 
 def test_corrupted_bytes_are_never_a_silent_number(pmac: Served):
@@ -128,12 +142,13 @@ def test_corrupted_bytes_are_never_a_silent_number(pmac: Served):
 def test_a_dropped_connection_is_told_and_the_next_question_is_answered(
     pmac: Served,
 ):
-    with Dialogue(pmac.address) as dialogue:
+    links: list[Link] = []
+    with Dialogue(pmac.address, opener=_keeping(links)) as dialogue:
         pmac.faults.drop = 1
         with pytest.raises(LinkLost, match="closed by the other end"):
             dialogue.ask("I10", 1)
         assert dialogue.ask("I10", 1) == ["3713707"]
-        assert dialogue.reconnected == 1
+    assert len(links) == 2
 
 
 def test_a_controller_that_is_gone_is_a_lost_link_and_comes_back():

@@ -10,8 +10,8 @@ from inercal.errors import InputError
 from inercal.host.drivers.pmac import Pmac, PmacAxis
 from inercal.host.drivers.pmac_codec import Refused
 from inercal.host.drivers.pmac_dialogue import Dialogue
-from inercal.host.drivers.table import TableFault
-from inercal.host.link import LinkLost
+from inercal.host.drivers.table import ProtocolError, TableFault
+from inercal.host.link import Link, LinkLost, open_link
 from inercal.host.sim.pmac import SimulatedPmac
 from inercal.host.sim.server import Server
 
@@ -117,6 +117,48 @@ def test_a_reading_over_several_cycles_says_so(scripted: Any):
     assert state.span == pytest.approx(4 * table.period)
     # From two cycles before the wrap to two behind it.
     assert state.time == pytest.approx(table.wraps, rel=1e-12)
+
+
+@pytest.mark.parametrize("told", ["0F4240 1F4240", "1F4240 0F4240", "F423F F423F", "F4230 F4240"])
+def test_a_wrong_digit_of_the_servo_clock_is_no_reading_and_shifts_no_time(
+    scripted: Any, told: str
+):
+    simulated = SimulatedPmac()
+    feed = simulated.session().feed
+    simulated.table.cycle = 0xF4240
+    wrong: list[str] = []
+
+    def answer(data: bytes) -> bytes:
+        reply = feed(data)
+        if wrong and b"RHX$0 #" in data:
+            first, last = wrong.pop().encode().split()
+            return b"\r".join([first, *reply.split(b"\r")[1:-2], last, b"\x06"])
+        return reply
+
+    with Pmac("tcp://x:1", INNER, opener=lambda _: scripted(answer)) as table:
+        before = table.read().time
+        wrong.append(told)
+        with pytest.raises(ProtocolError, match="came after one at F4240: a digit is wrong"):
+            table.read()
+        assert table.read().time == before
+        simulated.table.cycle += 10
+        assert table.read().time - before == pytest.approx(10 * table.period)
+
+
+@pytest.mark.parametrize("stood", [0xC00000, 0x300000])
+def test_a_controller_that_was_powered_anew_is_read_on_and_its_time_does_not_go_back(
+    pmac: Served, table: Pmac, stood: int
+):
+    pmac.device.table.cycle = stood
+    before = table.read().time
+    pmac.drop()
+    pmac.device.table.cycle = 2000
+    with pytest.raises(LinkLost):
+        table.read()
+    after = table.read().time
+    assert after > before
+    pmac.device.table.cycle += 1000
+    assert table.read().time - after == pytest.approx(1000 * table.period)
 
 
 def test_a_motor_that_has_not_yet_started_is_not_taken_for_one_that_has_arrived(scripted: Any):
@@ -298,13 +340,21 @@ def test_motors_that_are_off_or_skip_cycles_are_refused(pmac: Served):
         Pmac(pmac.address, [PmacAxis("fourth", 7, COUNTS)])
 
 
-def test_readings_survive_replies_in_pieces_and_a_dropped_connection(pmac: Served, table: Pmac):
-    pmac.faults.fragment = 1
-    table.move("inner", 0.5, 1.0, 1.0)
-    pmac.advance(3.0)
-    assert table.read().axes[2].angle == pytest.approx(0.5, abs=2 * COUNT)
-    pmac.drop()
-    with pytest.raises(LinkLost):
-        table.read()
-    assert table.read().axes[2].angle == pytest.approx(0.5, abs=2 * COUNT)
-    assert table.reconnected == 1
+def test_readings_survive_replies_in_pieces_and_a_dropped_connection(pmac: Served):
+    links: list[Link] = []
+
+    def opener(address: str) -> Link:
+        links.append(open_link(address))
+        return links[-1]
+
+    with Pmac(pmac.address, INNER, 5.0, opener) as table:
+        table.enable()
+        pmac.faults.fragment = 1
+        table.move("inner", 0.5, 1.0, 1.0)
+        pmac.advance(3.0)
+        assert table.read().axes[0].angle == pytest.approx(0.5, abs=2 * COUNT)
+        pmac.drop()
+        with pytest.raises(LinkLost):
+            table.read()
+        assert table.read().axes[0].angle == pytest.approx(0.5, abs=2 * COUNT)
+    assert len(links) == 2

@@ -65,6 +65,21 @@ def test_a_move_is_over_only_in_position_and_with_no_rate_commanded():
     assert not state(False, False).settled
 
 
+@pytest.mark.parametrize(
+    ("enabled", "moving", "faults", "words"),
+    [
+        (True, False, (), "holds"),
+        (True, True, (), "turns"),
+        (False, True, (), "off"),
+        (False, False, ("amplifier fault", "not activated"), "amplifier fault, not activated"),
+    ],
+)
+def test_an_axis_says_its_faults_before_what_it_does(
+    enabled: bool, moving: bool, faults: tuple[str, ...], words: str
+):
+    assert AxisState(0.0, 0.0, 0.0, True, moving, enabled, True, faults).words == words
+
+
 def test_limits_take_what_is_at_them_and_a_spin_to_rest():
     limits = AxisLimits(rate=1.0, acceleration=2.0, low=-1.0, high=1.0)
     limits.check("x", 1.0, 2.0, 1.0)

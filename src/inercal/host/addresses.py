@@ -23,7 +23,7 @@ from inercal.host.drivers.acutrol import Acutrol, AcutrolAxis
 from inercal.host.drivers.motor import Motor
 from inercal.host.drivers.pmac import Pmac, PmacAxis
 from inercal.host.drivers.table import AxisLimits, RotaryTable
-from inercal.host.link import open_link
+from inercal.host.link import OPENING, open_link
 
 # What these bring with them takes longer to load than the guard, which opens a table, to start.
 if TYPE_CHECKING:
@@ -86,8 +86,10 @@ def shared(address: str) -> bool:
     return not (kind == "motor" and at.startswith("serial:"))
 
 
-def open_imu(address: str, now: Callable[[], float], *, waits: bool = False) -> ImuPort:
-    """Return the port to the IMU at `address`; `now` and `waits` as of `ImuPort`.
+def open_imu(
+    address: str, now: Callable[[], float], opening: float = OPENING, *, waits: bool = False
+) -> ImuPort:
+    """Return the port to the IMU at `address`; `now`, `waits` of `ImuPort`, `opening` of its link.
 
     Raises
     ------
@@ -99,7 +101,7 @@ def open_imu(address: str, now: Callable[[], float], *, waits: bool = False) -> 
     from inercal.host.imu import ImuPort
 
     layout, link = layout_of_address(address), link_of_address(address)
-    return ImuPort(open_link(link), layout, now, waits=waits)
+    return ImuPort(open_link(link, opening), layout, now, waits=waits)
 
 
 def layout_of_address(address: str) -> Layout:

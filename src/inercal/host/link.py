@@ -22,7 +22,7 @@ else:
 
     _NO_TERMINAL: tuple[type[Exception], ...] = (_terminal_error,)
 
-_OPENING = 5.0  # s; a table on the laboratory's network answers within milliseconds
+OPENING = 5.0  # s; a table on the laboratory's network answers within milliseconds
 _PARITIES = {"none": "N", "even": "E", "odd": "O"}
 
 
@@ -70,10 +70,10 @@ class _Closing:
 class TcpLink(_Closing):
     """A connection over TCP, without Nagle's delay: requests are small and wait for replies."""
 
-    def __init__(self, host: str, port: int):
+    def __init__(self, host: str, port: int, opening: float = OPENING):
         self.address = f"tcp://{host}:{port}"
         try:
-            self._socket = socket.create_connection((host, port), _OPENING)
+            self._socket = socket.create_connection((host, port), opening)
         except OSError as error:
             raise LinkLost(f"{self.address}: cannot connect: {_reason(error)}") from error
         except UnicodeError as error:  # what Python says of "a..b", a name that none can have
@@ -96,7 +96,7 @@ class TcpLink(_Closing):
     def write(self, data: bytes) -> None:
         """As `Link.write`."""
         try:
-            self._socket.settimeout(_OPENING)
+            self._socket.settimeout(OPENING)
             self._socket.sendall(data)
         except OSError as error:
             raise LinkLost(f"{self.address}: lost: {_reason(error)}") from error
@@ -150,7 +150,7 @@ class SerialLink(_Closing):
         self._port.close()
 
 
-def open_link(address: str) -> Link:
+def open_link(address: str, opening: float = OPENING) -> Link:
     """Return the link to `address`.
 
     Parameters
@@ -158,6 +158,8 @@ def open_link(address: str) -> Link:
     address : str
         `tcp://HOST:PORT`, or `serial:PATH` with `?baud=…&bits=5–8&parity=none|even|odd&stop=1|2`
         (115200, 8, none, 1 unless told). Other parameters belong to the caller, who takes them off.
+    opening : float
+        s that each address of a host may take over TCP.
 
     Raises
     ------
@@ -176,7 +178,7 @@ def open_link(address: str) -> Link:
             host, port = None, None
         if not host or not port or parts.path not in ("", "/"):
             raise InputError(f"{address!r} is no address of TCP; possible: tcp://192.168.0.5:1025")
-        return TcpLink(host, port)
+        return TcpLink(host, port, opening)
     if parts.scheme == "serial" and parts.path:
         _refuse(address, given, ("baud", "bits", "parity", "stop"))
         parity = given.get("parity", "none")

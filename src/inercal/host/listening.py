@@ -6,11 +6,13 @@ from typing import NamedTuple
 
 from inercal.host.clock import Tick
 from inercal.host.imu import ImuPort
-from inercal.host.link import LinkLost
+from inercal.host.link import OPENING, LinkLost
 
 _SILENT = 0.5  # s
 _CALM = 1.0  # s of bytes from one that was silent, before it is trusted again
 _AGAIN = 0.5  # s of the wall's between two tries to open a port
+# s that such a try may take: the run stands still meanwhile, which the watchdog allows for 1.5 s.
+_REOPENING = 0.5
 
 
 class Heard(NamedTuple):
@@ -34,7 +36,7 @@ class Listening:
     Parameters
     ----------
     opener : callable
-        Opens the port; raises `LinkLost` where it is not there.
+        Opens the port within the s that it is given; raises `LinkLost` where it is not there.
     tick : Tick
         Of the bench when the port is opened first.
 
@@ -51,9 +53,9 @@ class Listening:
         The port cannot be opened.
     """
 
-    def __init__(self, opener: Callable[[], ImuPort], tick: Tick):
+    def __init__(self, opener: Callable[[float], ImuPort], tick: Tick):
         self._open = opener
-        self._port: ImuPort | None = opener()
+        self._port: ImuPort | None = opener(OPENING)
         # What a simulated bench had sent before; None: its bytes are taken as they come.
         self._base = tick.sent
         self._heard, self._calm = tick.time, tick.time
@@ -96,11 +98,13 @@ class Listening:
         """Try to open the port; True where that was possible."""
         if monotonic() - self._tried < _AGAIN:
             return False
-        self._tried = monotonic()
         try:
-            self._port = self._open()
+            self._port = self._open(_REOPENING)
         except LinkLost:
             return False
+        finally:
+            # From its end: a try may take as long as the time between two.
+            self._tried = monotonic()
         self._base = None  # how much of what was sent came before, nobody knows
         self._heard = self._calm = tick.time
         return True

@@ -102,15 +102,29 @@ class Log:
         frame = head + _CHECK.pack(crc32(head)) + payload + _CHECK.pack(crc32(payload))
         try:
             written = os.write(self._file, frame)
+            if written < len(frame):
+                # Where there is space again, what is written next would stand behind a torn frame.
+                os.ftruncate(self._file, os.fstat(self._file).st_size - written)
         except OSError as error:
             raise InputError(f"{self.path}: cannot be written: {error.strerror}") from None
         if written < len(frame):
             raise InputError(f"{self.path}: cannot be written: no space left on device")
 
     def close(self) -> None:
-        """Have the disk take everything, and close."""
-        os.fsync(self._file)
-        os.close(self._file)
+        """Have the disk take everything, and close.
+
+        Raises
+        ------
+        InputError
+            The disk has not taken everything; the file is closed all the same.
+        """
+        try:
+            try:
+                os.fsync(self._file)
+            finally:
+                os.close(self._file)
+        except OSError as error:
+            raise InputError(f"{self.path}: cannot be written: {error.strerror}") from None
 
     def __enter__(self) -> Self:
         return self

@@ -15,6 +15,7 @@ its own with its own connection. Both are software; the hardware interlock is th
 from collections.abc import Callable
 from contextlib import ExitStack
 from datetime import datetime
+from functools import partial
 from math import degrees
 from time import monotonic
 from typing import Literal, NamedTuple, Self
@@ -147,7 +148,7 @@ class BenchRun:
             clock.begin(now)
             tick = clock.end()
             waits = bool(addresses.clock)
-            self._imu = Listening(lambda: open_imu(addresses.imu, clock.now, waits=waits), tick)
+            self._imu = Listening(partial(open_imu, addresses.imu, clock.now, waits=waits), tick)
             opened.callback(self._imu.close)
             self._opened = opened.pop_all()
         self.time, self._next = tick.time, tick.time + self._poll

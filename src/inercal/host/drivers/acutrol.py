@@ -30,15 +30,18 @@ from inercal.host.drivers.text_dialogue import TextDialogue
 from inercal.host.link import Link, LinkLost, open_link
 
 _NUMBER = re.compile(r"[+-]?\d{1,15}(?:\.\d{0,15})?(?:[Ee][+-]?\d{1,2})?", re.ASCII)
+_NEAR = radians(0.001)  # rad of a demand: a few arc seconds, as such tables are exact
+# rad/s at rest; a readout of rates is noisier than one of angles, and a table that stands and is
+# held to turn is stopped again and killed.
+_SLOW = radians(0.05)
 
 
 @dataclass(frozen=True)
 class AcutrolAxis:
-    """An axis: its name and its number; within `band` (rad, rad/s) it is in position, at rest."""
+    """An axis: its name and its number."""
 
     name: str
     number: int
-    band: float = radians(0.001)
 
 
 class Acutrol:
@@ -162,14 +165,14 @@ class Acutrol:
     def _state(self, i: int, said: list[str]) -> AxisState:
         angle, rate = radians(_number(said[0])), radians(_number(said[1]))
         interlock = said[2].strip().lower()
-        band, (goal, spinning) = self._axes[i].band, self._goals[i]
-        resting = abs(rate) <= band and spinning == 0
+        goal, spinning = self._goals[i]
+        resting = abs(rate) <= _SLOW and spinning == 0
         return AxisState(
             angle=angle,
             rate=rate,
             following_error=nan,
             # Where no angle was asked for, any is the right one.
-            in_position=resting and not abs(angle - goal) > band,
+            in_position=resting and not abs(angle - goal) > _NEAR,
             moving=not resting,
             enabled=interlock == "closed",
             homed=True,

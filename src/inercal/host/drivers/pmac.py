@@ -7,8 +7,10 @@ Ixx28 in 1/16 count. One count is 2π/counts_per_turn rad.
 **Time.** X:$0 counts servo cycles in 24 bits (the manual's suggested M100); one cycle is
 I10/8388608 ms. A reading asks for it first and last in the one line that asks for positions: the
 same number twice says that all belong to that cycle; otherwise `TableState.span` says how much
-passed. It wraps after 2 h at 2.26 kHz (`Pmac.wraps`), which readings of one connection count on: a
-table must be read more often than that for its time to be right.
+passed. It wraps after 2 h at 2.26 kHz (`Pmac.wraps`), which readings count on: a table must be read
+more often than that for its time to be right. Nothing checks the digits on the line, and one that
+is wrong must not count a turn: where both numbers are further apart than a reply may take, or the
+first goes back by no more than that, it is no reading. What goes back further, in both, began anew.
 
 **Limits.** Rates are held to Ixx16 and accelerations to Ixx17, which nothing here writes: Ixx19 and
 Ixx22, those of jogs, are what a motion is commanded by, and would hold the next one back. Soft
@@ -90,6 +92,7 @@ class Pmac:
         self._ask_state = "RHX$0 " + " ".join(f"#{m}P#{m}V#{m}F#{m}?" for m in motors) + " RHX$0"
         self._cycle, self._turns = 0, 0
         self._started: list[int | None] = [None] * len(self._axes)
+        self._timeout = timeout
         self._dialogue = Dialogue(address, timeout, opener)
         try:
             self.period = codec.number(self._ask("I10", 1)[0]) / 8388608 * 1e-3
@@ -109,11 +112,6 @@ class Pmac:
     def wraps(self) -> float:
         """As `RotaryTable.wraps`: 2²⁴ servo cycles, s."""
         return _CYCLES * self.period
-
-    @property
-    def reconnected(self) -> int:
-        """How many times the connection had to be made anew."""
-        return self._dialogue.reconnected
 
     def identity(self) -> str:
         """Return the firmware's version and the controller's type."""
@@ -180,12 +178,18 @@ class Pmac:
         """Return where the table is now; its time is the servo clock as it stands."""
         lines = self._ask(self._ask_state, 4 * len(self._axes) + 2)
         first, last = codec.word(lines[0], 6), codec.word(lines[-1], 6)
-        during = (last - first) % _CYCLES
-        self._turns += first < self._cycle
-        self._cycle = first
+        during, back = (last - first) % _CYCLES, self._cycle - first
+        most = self._timeout / self.period
+        if during > most or 0 < back <= most:
+            raise ProtocolError(
+                f"{self._dialogue.address}: by its servo clock a reading began at {first:X}, ended "
+                f"at {last:X} and came after one at {self._cycle:X}: a digit is wrong"
+            )
         states = tuple(
             self._state(i, first, lines[1 + 4 * i : 5 + 4 * i]) for i in range(len(self._axes))
         )
+        self._turns += back > 0
+        self._cycle = first
         cycles = self._turns * _CYCLES + first + during / 2
         return TableState(cycles * self.period, states, during * self.period)
 

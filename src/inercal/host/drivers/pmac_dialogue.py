@@ -35,7 +35,6 @@ class Dialogue:
         self, address: str, timeout: float = 1.0, opener: Callable[[str], Link] = open_link
     ):
         self.address = address
-        self.reconnected = 0
         self._timeout = timeout
         self._opener = opener
         self._link: Link | None = None
@@ -111,7 +110,6 @@ class Dialogue:
     def _connect(self) -> Link:
         """Give up the connection there is, open another, and bring it into the form we read."""
         if self._link is not None:
-            self.reconnected += 1
             # Lost is what it is about to be.
             with suppress(LinkLost):
                 self._link.write(codec.flush())

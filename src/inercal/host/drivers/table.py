@@ -6,10 +6,12 @@ as the controller counts. `TableState.time` is the controller's servo clock, nev
 """
 
 from dataclasses import dataclass
-from math import degrees, inf, isfinite
+from math import degrees, inf, isfinite, radians
 from typing import Protocol, Self
 
 from inercal.errors import InercalError, InputError
+
+AT_REST = radians(0.5)  # rad/s; a PMAC of few counts a turn rounds its rates to almost that
 
 
 class ProtocolError(InercalError):
@@ -91,6 +93,13 @@ class AxisState:
     def settled(self) -> bool:
         """The move is over; neither sign says so alone: a servo may keep its band in motion."""
         return self.in_position and not self.moving
+
+    @property
+    def words(self) -> str:
+        """What it does, for an operator: its faults, else "off", "turns" or "holds"."""
+        if self.faults:
+            return ", ".join(self.faults)
+        return "off" if not self.enabled else "turns" if self.moving else "holds"
 
 
 @dataclass(frozen=True)

@@ -4,18 +4,17 @@ import os
 import signal
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import degrees, inf, isfinite, radians
+from math import degrees, inf, isfinite
 from select import select
 from time import monotonic
 from typing import NamedTuple
 
 from inercal.host.addresses import open_table, shared
-from inercal.host.drivers.table import RotaryTable, TableState
+from inercal.host.drivers.table import AT_REST, RotaryTable, TableState
 
 _TIMEOUT = 0.5  # s of a reply
 _IDLE = 1.0  # s between looks at a table that need not stop: a link is found lost before it matters
 _POLL = 0.03  # s between looks at one that shall
-_STILL = radians(0.5)  # rad/s; a PMAC of few counts a turn rounds its rates to almost that
 _LOOKS = 2  # at rest in a row
 _MARK = 0.5  # s over which a rate must fall by this part, or the table does not slow down
 _FALL = 0.1
@@ -168,7 +167,7 @@ class Watch:
             # What it heard before the link was lost is not known.
             stop.heard, stop.calm, stop.first = False, 0, None
             return
-        turning = [abs(axis.rate) > _STILL or axis.moving for axis in self._state.axes]
+        turning = [abs(axis.rate) > AT_REST or axis.moving for axis in self._state.axes]
         stop.calm = 0 if any(turning) else stop.calm + 1
         if stop.calm >= _LOOKS:
             self._rest()

@@ -204,10 +204,6 @@ class Table:
         """Return what is read of the encoder, rad from the axis' zero."""
         return self.report()[i].reading
 
-    def settled(self, i: int) -> bool:
-        """Tell whether the axis is held, at rest, and within the band."""
-        return bool(self.report()[i].flags & kernel.SETTLED)
-
     def moving(self, i: int) -> bool:
         """Tell whether the commanded rate is other than zero, or about to be."""
         return bool(self.report()[i].flags & kernel.MOVING)
