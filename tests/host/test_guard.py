@@ -252,6 +252,20 @@ def test_no_table_and_no_address_are_told_when_the_guard_starts(server: Served):
         Guard(_address(server))
 
 
+def test_a_table_that_does_not_answer_at_first_is_found_all_the_same(
+    server: Served, monkeypatch: pytest.MonkeyPatch
+):
+    class Deaf:
+        def feed(self, data: bytes) -> bytes:
+            return b""
+
+    session, first = server.device.session, [Deaf()]
+    monkeypatch.setattr(server.device, "session", lambda: first.pop() if first else session())
+    with Guard(_address(server)) as guard:
+        assert guard.alive
+    assert not first
+
+
 def test_a_guard_that_is_killed_is_no_longer_alive_and_hears_nothing(guard: Guard):
     guard._process.send_signal(signal.SIGKILL)
     _until(lambda: not guard.alive)

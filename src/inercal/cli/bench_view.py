@@ -67,15 +67,12 @@ def panel(run: "BenchRun", keys: str = KEYS) -> "RenderableType":
         axes.add_column(name, justify="left" if name in ("axis", "") else "right")
     if run.state is not None:
         for name, axis in zip(run.axes, run.state.axes, strict=True):
-            state = ", ".join(axis.faults) or (
-                "off" if not axis.enabled else "turns" if axis.moving else "holds"
-            )
             axes.add_row(
                 name,
                 f"{degrees(axis.angle):.4f} °",
                 f"{degrees(axis.rate):.3f} °/s",
                 f"{3600 * degrees(axis.following_error):.1f} ″",
-                state,
+                axis.words,
             )
     said = Text()
     for level, words in run.account.said:

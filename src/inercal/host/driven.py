@@ -5,18 +5,17 @@ What the host cannot bring about is left to the watchdog (`guard`).
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from math import inf, isfinite, radians
+from math import inf, isfinite
 from select import select
 from time import monotonic
 from typing import Literal
 
-from inercal.host.drivers.table import ProtocolError, RotaryTable, TableFault, TableState
+from inercal.host.drivers.table import AT_REST, ProtocolError, RotaryTable, TableFault, TableState
 from inercal.host.guard import Guard
 from inercal.host.link import LinkLost
 from inercal.host.sequencer import Command, Enable, Go, Home
 
 _UNHEARD = 5  # readings in a row that may fail
-_AT_REST = radians(0.5)  # rad/s; a PMAC of few counts a turn rounds its rates to almost that
 _LOOKS = 0.05  # s of the wall's between two looks at the watchdog
 _LEAVING = 12.0  # s of the wall's to come to rest in, seen by the watchdog
 
@@ -86,7 +85,7 @@ class Driven:
         self.state = state
         # One that was told to go may not say so yet.
         self.rests = not self._told and all(
-            abs(axis.rate) < _AT_REST and not axis.moving for axis in state.axes
+            abs(axis.rate) < AT_REST and not axis.moving for axis in state.axes
         )
         return time, state
 

@@ -13,6 +13,7 @@ from inercal.host.addresses import open_table, shared
 from inercal.host.drivers.table import AT_REST, RotaryTable, TableState
 
 _TIMEOUT = 0.5  # s of a reply
+_TRIES = 4  # to find the table at the beginning
 _IDLE = 1.0  # s between looks at a table that need not stop: a link is found lost before it matters
 _POLL = 0.03  # s between looks at one that shall
 _LOOKS = 2  # at rest in a row
@@ -94,7 +95,7 @@ class Watch:
 
     def run(self) -> int:
         """Watch until let go, or until the host is gone and the table at rest."""
-        if shared(self._address) and not self._look():
+        if shared(self._address) and not self._found():
             return 1
         self._say("ready")
         while not self._released:
@@ -207,6 +208,10 @@ class Watch:
             # The host's again.
             self._table.close()
             self._table = None
+
+    def _found(self) -> bool:
+        """See that the table is there; one that is late once, as all that begins is, may be."""
+        return any(self._look(quietly=left > 0) for left in reversed(range(_TRIES)))
 
     def _look_idly(self) -> None:
         """See that the link holds; a machine that stalls for a moment is no lost link."""

@@ -116,8 +116,7 @@ def _axis(axis: AxisState) -> dict[str, Any]:
         "angle": number(degrees(axis.angle), 9),
         "rate": number(degrees(axis.rate)),
         "error": number(3600 * degrees(axis.following_error), 4),
-        "state": ", ".join(axis.faults)
-        or ("off" if not axis.enabled else "turns" if axis.moving else "holds"),
+        "state": axis.words,
         "fault": bool(axis.faults),
     }
 
