@@ -34,6 +34,26 @@ def inercal(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, encoding="utf-8", check=False)
 
 
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("calibrat",), "No such command 'calibrat'. Did you mean 'calibrate'?"),
+        (("calibrate",), "Missing argument 'run_file'."),
+        (
+            ("calibrate", "run.toml", "--outt", "x"),
+            "No such option: --outt (Possible options: --out)",
+        ),
+        (("demo", "--seed", "many"), "Invalid value for '--seed': "),
+        (("bench", "resume", "folder", "--patience"), "Option '--patience' requires an argument."),
+    ],
+)
+def test_what_is_no_command_is_one_line(arguments: tuple[str, ...], words: str):
+    done = inercal(*arguments)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith(f"inercal: {words}")
+    assert done.stderr.count("\n") == 1
+
+
 def test_help_and_version_import_no_numerics():
     asked = [
         ["--help"],

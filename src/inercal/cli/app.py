@@ -4,6 +4,7 @@ import os
 import sys
 
 import typer
+from typer.exceptions import TyperException
 
 from inercal.cli import (
     apply,
@@ -48,7 +49,12 @@ def main() -> None:
     # Matrices are small here: threads of linear algebra would only wait for one another.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
-        app()
+        status: int | None = app(standalone_mode=False)
+        sys.exit(status or 0)
+    except TyperException as error:
+        if words := error.format_message():  # else it has shown the help
+            print(f"inercal: {words} (see --help)", file=sys.stderr)
+        sys.exit(error.exit_code)
     except InercalError as error:
         print(f"inercal: {error}", file=sys.stderr)
         sys.exit(2)
