@@ -16,6 +16,7 @@ from inercal.host.journal import Journal
 from inercal.host.log import Log
 from inercal.host.web import app, hub, people
 from inercal.host.web.order import NOTE, note
+from inercal.host.web.runs import RunThere
 
 
 @pytest.fixture
@@ -144,6 +145,30 @@ def test_a_stop_reaches_a_run_that_another_server_started(
         assert signalled == [(os.getpid(), signal.SIGINT)]
         page.say("stop", run="another")
         assert page.until("refused")["words"] == "no run goes on"
+    os.close(noted)
+
+
+def test_while_a_run_to_be_stopped_is_sought_others_are_heard(
+    served: Served, signalled: list[tuple[int, int]], monkeypatch: pytest.MonkeyPatch
+):
+    noted = note(begun_elsewhere(served), None)
+    sought, others, there = Event(), Event(), served.runs.all
+
+    def slowly() -> dict[str, RunThere]:
+        sought.set()
+        assert others.wait(PATIENCE)
+        return there()
+
+    monkeypatch.setattr(served.runs, "all", slowly)
+    with served.page() as page, served.page() as other:
+        page.say("stop")
+        try:
+            assert sought.wait(PATIENCE)
+            other.operate("Bob")
+            assert signalled == []
+        finally:
+            others.set()
+        served.wait(lambda: signalled)
     os.close(noted)
 
 
