@@ -5,6 +5,7 @@ import json
 import os
 import signal
 from collections.abc import Iterator
+from errno import EMFILE
 from pathlib import Path
 from threading import Event, Thread
 
@@ -14,7 +15,7 @@ from tests.host.web.pages import PATIENCE, SIMULATED, Page, Served, as_header
 from inercal.host.folder import JOURNAL, LOG
 from inercal.host.journal import Journal
 from inercal.host.log import Log
-from inercal.host.web import app, hub, people
+from inercal.host.web import app, going, hub, people
 from inercal.host.web.order import NOTE, note
 from inercal.host.web.runs import RunThere
 
@@ -236,6 +237,27 @@ def test_a_run_goes_on_when_all_pages_are_closed(served: Served):
         assert page.until("state")["time"] > first
         page.say("stop")
         page.until("done")
+
+
+def test_a_process_that_cannot_be_started_is_said_and_what_was_shown_stays(
+    served: Served, ada: Page, monkeypatch: pytest.MonkeyPatch
+):
+    ada.start()
+    ada.say("abort")
+    ada.until("done", words="aborted")
+    served.wait(lambda: served.hub.going is None)
+
+    def fails(*_: object, **__: object) -> None:
+        raise OSError(EMFILE, os.strerror(EMFILE))
+
+    monkeypatch.setattr(going, "Popen", fails)
+    ada.say("start", plan="demo", sensor=None, **SIMULATED)
+    words = ada.until("refused")["words"]
+    assert words == "the run's process cannot be started: Too many open files"
+    with served.page() as late:
+        late.until("done", words="aborted")
+    monkeypatch.undo()
+    ada.start()
 
 
 def test_a_process_that_ends_without_a_word_is_an_interrupted_run(served: Served, ada: Page):

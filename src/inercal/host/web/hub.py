@@ -220,8 +220,11 @@ class Hub:
         )
 
     def _go(self, order: Order) -> None:
+        try:
+            self.going = self._start(order)
+        except OSError as error:
+            raise InputError(f"the run's process cannot be started: {error.strerror}") from None
         self._kept, self._has_told_its_end = Kept(), False
-        self.going = self._start(order)
         # The process takes seconds before it tells anything itself.
         starts = _text("phase", run=order.name, words="starting the run's process")
         self._kept.keep("phase", starts)
