@@ -98,6 +98,7 @@ def write(
     folder: str | os.PathLike[str],
     about: Mapping[str, str] | None = None,
     poll: float = 0.02,
+    log_sha256: str | None = None,
 ) -> Path:
     """Write the recording of a run, whole or not at all; return its path.
 
@@ -113,6 +114,8 @@ def write(
         More to be kept as attributes of the group: addresses, versions.
     poll : float
         s between polls of the table.
+    log_sha256 : str, optional
+        Digest of the log, where it is known; else the log is read for it.
 
     Raises
     ------
@@ -148,7 +151,7 @@ def write(
     told: dict[str, Any] = {
         "packets": layout.name,
         "protection": layout.protection,
-        "log sha256": digest(log),
+        "log sha256": log_sha256 or digest(log),
         "samples": tally.samples,
         "samples without angle": tally.no_angle,
         "polls left out": tally.polls_left_out,
