@@ -83,12 +83,8 @@ def require_recordable(run: Run, layout: Layout | None = None) -> None:
                 f"{where}: {name!r}: a run on the bench reverses nothing as it is written; put the "
                 "sign to the description of the packets or to the table's counts"
             )
-    if layout is not None and data.temperature is not None:
-        roles = {one.role for frame in layout.frames for one in frame.fields}
-        if "temperature" not in roles:
-            raise InputError(
-                f"{where} temperature: packets of {layout.name!r} have none; leave it out"
-            )
+    if data.temperature is not None and layout is not None and "temperature" not in layout.roles:
+        raise InputError(f"{where} temperature: packets of {layout.name!r} have none; leave it out")
 
 
 def write(
