@@ -86,8 +86,10 @@ def test_live_is_the_recordings_calibration_to_the_last_bit(
     outcome = calibrate(run)
     p = len(run.sensor.coefficients)
     assert outcome.estimate.value[:p].tobytes() == live.values.tobytes()
-    components = sum(one.components for one in stored.values())
-    assert live.nis == pytest.approx(sum(one.nis for one in stored.values()) / components, 1e-9)
+    for kind, (squares, components) in live.innovations.items():
+        assert squares == pytest.approx(stored[kind].nis, 1e-9)
+        assert components == stored[kind].components
+    assert set(live.innovations) == {"w", "f"}
 
 
 def test_the_truth_is_recovered_over_losses_and_an_outage(
@@ -112,7 +114,8 @@ def test_the_truth_is_recovered_over_losses_and_an_outage(
 def test_nothing_is_known_before_the_rest_has_lasted(bench: Bench, logged: list[Frame]):
     run = bench.run
     made, live = Assembly.of(run, LAYOUT), Live(run)
-    assert np.isnan([live.time, live.nis, *live.values, *live.std]).all()
+    assert np.isnan([live.time, *live.values, *live.std]).all()
+    assert live.innovations == {}
     begun: list[float] = []
     for k, frame in enumerate(logged):
         made.feed(frame)
@@ -125,7 +128,7 @@ def test_nothing_is_known_before_the_rest_has_lasted(bench: Bench, logged: list[
     assert begun[0] == pytest.approx(20.0 + 0.26, abs=0.6)
     assert np.isfinite(live.values).all()
     assert (live.std > 0).all()
-    assert [one.name for one in live.courses] == ["gyros", "accelerometers"]
+    assert set(live.innovations) == {"w", "f"}
 
 
 def test_a_rest_that_is_too_short_is_said(tmp_path: Path):

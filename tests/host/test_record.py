@@ -117,5 +117,6 @@ def test_data_that_a_run_cannot_be_written_to_is_refused(
 def test_packets_without_temperature_are_refused_where_it_has_a_column(tmp_path: Path):
     run = run_file(tmp_path, PATH, **WARM)
     require_recordable(run, LAYOUT)
+    require_recordable(run, read_layout("xsens"))  # that holds one in some of its packets
     with pytest.raises(InputError, match="packets of 'novatel' have none"):
         require_recordable(run, read_layout("novatel"))

@@ -95,7 +95,7 @@ def test_axes_that_come_later_are_added_and_others_are_refused(address: str):
         assert len(register.sensors()) == 1
 
 
-def test_a_run_goes_on_and_nothing_but_state_and_files_changes(address: str):
+def test_a_run_goes_on_and_nothing_but_state_folder_and_files_changes(address: str):
     with Register(address, by="Ada") as register:
         number = register.enter_run(facts(files={}))
         (begun,) = register.runs()
@@ -103,8 +103,8 @@ def test_a_run_goes_on_and_nothing_but_state_and_files_changes(address: str):
         assert register.enter_run(again) == number
         (now,) = register.runs(DRIFTING.sensor)
     assert (begun.state, begun.files) == ("running", ())
-    assert replace(now, state="running", files=()) == begun
-    assert now.state == "interrupted"
+    assert replace(now, state="running", folder="/runs/1", files=()) == begun
+    assert (now.state, now.folder) == ("interrupted", "/elsewhere")
     assert now.files == (("recording.h5", 12, "ab" * 32),)
     assert (begun.kind, begun.bench, begun.by) == ("turntable", "table 2", "Ada")
 
@@ -115,6 +115,15 @@ def test_a_run_that_is_done_stays_done_whatever_an_older_copy_says(address: str)
         before = register.runs()
         register.enter_run(facts(recording="cd" * 32, state="interrupted"))
         assert register.runs() == before
+
+
+@pytest.mark.parametrize("state", ["done", "interrupted"])
+def test_a_run_that_is_done_and_was_moved_is_done_at_its_new_place(address: str, state: str):
+    with Register(address) as register:
+        register.enter_run(facts(state="done"))
+        (before,) = register.runs()
+        register.enter_run(facts(state=state, folder="/archive/1"))
+        assert register.runs() == (replace(before, folder="/archive/1"),)
 
 
 @pytest.mark.parametrize("run_first", [True, False])

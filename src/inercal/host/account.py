@@ -131,13 +131,17 @@ class Account:
         InputError
             A device that set its clock anew.
         """
+        block = self._piece(time)
+        if block is not None:
+            self._tell_losses(time)
+        return block
+
+    def _piece(self, time: float) -> Block | None:
         self._worked = time, monotonic()
         block = self.assembly.take()
-        if block is None:
-            return None
-        self.blocks.append(block)
-        self._estimate(block, time)
-        self._tell_losses(time)
+        if block is not None:
+            self.blocks.append(block)
+            self._estimate(block, time)
         return block
 
     def _estimate(self, block: Block, time: float) -> None:
@@ -153,13 +157,21 @@ class Account:
         except (InercalError, ArithmeticError, ValueError) as error:
             # The recording is what counts: it may be calibrated otherwise.
             self.live = None
-            self.say(time, "warning", f"live estimation ends: {error}")
+            words = f"live estimation ends: {error}"
+            # A run that goes on comes to an end that it came to before: then it was said.
+            if all(event.words != words for event in self._journal.events()):
+                self.say(time, "warning", words)
+
+    @property
+    def _lost(self) -> tuple[int, int, int]:
+        """Packets lost, packets with a wrong check, samples without an angle."""
+        tally = self.assembly.tally
+        return tally.bytes.lost, tally.bytes.failed, tally.no_angle
 
     def _tell_losses(self, time: float) -> None:
         """Say how much was lost or left out, now and then where there is more."""
         tally = self.assembly.tally
-        counts = tally.bytes
-        losses = counts.lost, counts.failed, tally.no_angle
+        counts, losses = tally.bytes, self._lost
         if losses == self._losses or time - self._lost_at < _SAID_AGAIN:
             return
         if losses[:2] != self._losses[:2]:
@@ -182,13 +194,16 @@ class Account:
         self.keep(EVENT, at, json.dumps(content).encode())
 
     def _replay(self, folder: Folder) -> None:
-        """Go through what the log holds of a run that was interrupted."""
-        done = 0.0
+        """Go through what the log holds of a run that was interrupted; its losses were told."""
+        done = last = 0.0
         for frame in frames(folder.log):
             self.assembly.feed(frame)
-            if frame.time - done >= _LONGEST:
-                done = frame.time
-                self.work(done)
+            last = frame.time
+            if last - done >= _LONGEST:
+                done = last
+                self._piece(done)
+        self._piece(last)
+        self._losses, self._lost_at = self._lost, last
 
     def __enter__(self) -> Self:
         return self

@@ -53,24 +53,30 @@ def finish(
     run = folder.run
     was = journal.header()
     about = {"table": was.table, "imu": was.imu, "begun": was.begun, "inercal": version("inercal")}
-    recording = write(run, layout_of_address(was.imu), folder.log, folder.path, about, was.poll)
+    # The log may be gigabytes: it is read for its digest once.
+    came = digest(folder.log)
+    layout = layout_of_address(was.imu)
+    recording = write(run, layout, folder.log, folder.path, about, was.poll, came)
     files = {"run_file": run.path, "log": folder.log, "recording": recording}
-    _digests(journal, files)
+    _keep(journal, folder.log, came)
+    _keep(journal, run.path)
+    _keep(journal, recording)
     outcome = calibrate(run)
     if live is not None and live.begun:
         _compare(journal, live, outcome)
     files["calibration_file"] = save(outcome.calibration, folder.made("calibration.json"))
     report = folder.made("report.html")
     files["report"] = write_report(outcome, report, run.truth or None, keep())
-    _digests(journal, files)
+    _keep(journal, files["calibration_file"])
+    _keep(journal, files["report"])
     journal.end("done")
     named = {kind: str(path) for kind, path in files.items()}
     return Finished(outcome, named | {"journal": str(folder.journal)})
 
 
-def _digests(journal: Journal, files: dict[str, Path]) -> None:
-    for path in files.values():
-        journal.file(path.name, path.stat().st_size, digest(path))
+def _keep(journal: Journal, path: Path, sha256: str | None = None) -> None:
+    """Keep the size and the digest of a file, which is read for it unless it is given."""
+    journal.file(path.name, path.stat().st_size, sha256 or digest(path))
 
 
 def _compare(journal: Journal, live: Live, outcome: Outcome) -> None:

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from inercal.benches.turntable import Turntable
 from inercal.benches.turntable_run import seconds_on_turntable
 from inercal.errors import InputError
-from inercal.estimate import Course
 from inercal.host.assembly import Block
 from inercal.methods.turntable.model import COARSE
 from inercal.methods.turntable_kalman import METHOD, _accelerometers, _readback
@@ -44,10 +43,9 @@ class _OfGyros:
 
     made: Gyros
     state: _readback.State
-    course: Course | None = None
 
     def step(self, track: Track) -> None:
-        self.state, self.course = self.made.step(self.state, track)
+        self.state, _ = self.made.step(self.state, track)
 
     @property
     def found(self) -> Found:
@@ -60,10 +58,9 @@ class _OfAccelerometers:
 
     made: Accelerometers
     state: _accelerometers.State
-    course: Course | None = None
 
     def step(self, track: Track) -> None:
-        self.state, self.course = self.made.step(self.state, track)
+        self.state, _ = self.made.step(self.state, track)
 
     @property
     def found(self) -> Found:
@@ -116,11 +113,6 @@ class Live:
         return {"w" if isinstance(one, _OfGyros) else "f": one.found for one in self._filters}
 
     @property
-    def courses(self) -> tuple[Course, ...]:
-        """Of the last piece."""
-        return tuple(one.course for one in self._filters if one.course is not None)
-
-    @property
     def values(self) -> Array:
         """The coefficients, (p,) SI; NaN before the filters begin."""
         return self._spread(lambda found, p: found.value[:p])
@@ -129,12 +121,6 @@ class Live:
     def std(self) -> Array:
         """Their standard deviations, (p,) SI; NaN before the filters begin."""
         return self._spread(lambda found, p: np.sqrt(np.diagonal(found.covariance)[:p]))
-
-    @property
-    def nis(self) -> float:
-        """Innovations squared over what was stated, a component; NaN before the first."""
-        components = sum(count for _, count in self.innovations.values())
-        return sum(s for s, _ in self.innovations.values()) / components if components else nan
 
     @property
     def innovations(self) -> dict[str, tuple[float, int]]:

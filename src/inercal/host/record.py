@@ -83,12 +83,8 @@ def require_recordable(run: Run, layout: Layout | None = None) -> None:
                 f"{where}: {name!r}: a run on the bench reverses nothing as it is written; put the "
                 "sign to the description of the packets or to the table's counts"
             )
-    if layout is not None and data.temperature is not None:
-        roles = {one.role for frame in layout.frames for one in frame.fields}
-        if "temperature" not in roles:
-            raise InputError(
-                f"{where} temperature: packets of {layout.name!r} have none; leave it out"
-            )
+    if data.temperature is not None and layout is not None and "temperature" not in layout.roles:
+        raise InputError(f"{where} temperature: packets of {layout.name!r} have none; leave it out")
 
 
 def write(
@@ -98,6 +94,7 @@ def write(
     folder: str | os.PathLike[str],
     about: Mapping[str, str] | None = None,
     poll: float = 0.02,
+    log_sha256: str | None = None,
 ) -> Path:
     """Write the recording of a run, whole or not at all; return its path.
 
@@ -113,6 +110,8 @@ def write(
         More to be kept as attributes of the group: addresses, versions.
     poll : float
         s between polls of the table.
+    log_sha256 : str, optional
+        Digest of the log, where it is known; else the log is read for it.
 
     Raises
     ------
@@ -148,7 +147,7 @@ def write(
     told: dict[str, Any] = {
         "packets": layout.name,
         "protection": layout.protection,
-        "log sha256": digest(log),
+        "log sha256": log_sha256 or digest(log),
         "samples": tally.samples,
         "samples without angle": tally.no_angle,
         "polls left out": tally.polls_left_out,

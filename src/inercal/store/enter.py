@@ -73,8 +73,9 @@ def enter_bench(db: Connection, kind: str, name: str, who: Who) -> int:
 def enter_run(db: Connection, facts: RunFacts, who: Who) -> int:
     """Enter a run, or how far one is that is there; return its id.
 
-    Calibrations of its recording that are there belong to it from now on. One that is done stays
-    done, whatever an older copy of its folder says.
+    Calibrations of its recording that are there belong to it from now on. Its folder lies where it
+    was entered from last: it may have been moved. One that is done stays done, whatever an older
+    copy of its folder says.
     """
     sensor_id = enter_sensor(db, facts.sensor, who)
     bench_id = enter_bench(db, facts.kind, facts.bench, who)
@@ -91,11 +92,13 @@ def enter_run(db: Connection, facts: RunFacts, who: Who) -> int:
             "folder": facts.folder,
         }
         run_id = _new(db, run, values, who)
-    elif found.state == _DONE != facts.state:
-        return found.id
     else:
         run_id = found.id
-        db.execute(update(run).where(run.c.id == run_id).values(state=facts.state))
+        older = found.state == _DONE != facts.state
+        values = {"state": _DONE if older else facts.state, "folder": facts.folder}
+        db.execute(update(run).where(run.c.id == run_id).values(values))
+        if older:
+            return run_id
     _enter_files(db, run_id, facts, who)
     digests = [sha256 for _, sha256 in facts.files.values()]
     theirs = (

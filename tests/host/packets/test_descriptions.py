@@ -4,6 +4,7 @@ import pytest
 
 from inercal.errors import InputError
 from inercal.host.packets import PRESETS, layout_of, read_layout
+from inercal.host.packets.picture import AXES
 
 GOOD = """
 byte_order = "little"
@@ -33,6 +34,13 @@ def test_scales_are_in_si_and_increments_times_the_rate():
     assert layout.temperature.size == pytest.approx(1 / 340, rel=1e-15)
     assert layout.temperature.zero == pytest.approx(36.53 + 273.15, rel=1e-15)
     assert layout.wraps["counter"] == 256
+
+
+def test_the_roles_are_those_of_all_packets_together():
+    xsens = read_layout("xsens")
+    assert "temperature" not in {field.role for field in xsens.frames[0].fields}
+    assert xsens.roles == {*AXES, "counter", "time", "temperature"}
+    assert layout_of(LINE, "line.toml").roles == {"counter", "ax"}
 
 
 @pytest.mark.parametrize("name", PRESETS)

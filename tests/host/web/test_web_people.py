@@ -5,6 +5,7 @@ import json
 import os
 import signal
 from collections.abc import Iterator
+from errno import EMFILE
 from pathlib import Path
 from threading import Event, Thread
 
@@ -14,8 +15,9 @@ from tests.host.web.pages import PATIENCE, SIMULATED, Page, Served, as_header
 from inercal.host.folder import JOURNAL, LOG
 from inercal.host.journal import Journal
 from inercal.host.log import Log
-from inercal.host.web import app, hub, people
+from inercal.host.web import app, going, hub, people
 from inercal.host.web.order import NOTE, note
+from inercal.host.web.runs import RunThere
 
 
 @pytest.fixture
@@ -147,6 +149,30 @@ def test_a_stop_reaches_a_run_that_another_server_started(
     os.close(noted)
 
 
+def test_while_a_run_to_be_stopped_is_sought_others_are_heard(
+    served: Served, signalled: list[tuple[int, int]], monkeypatch: pytest.MonkeyPatch
+):
+    noted = note(begun_elsewhere(served), None)
+    sought, others, there = Event(), Event(), served.runs.all
+
+    def slowly() -> dict[str, RunThere]:
+        sought.set()
+        assert others.wait(PATIENCE)
+        return there()
+
+    monkeypatch.setattr(served.runs, "all", slowly)
+    with served.page() as page, served.page() as other:
+        page.say("stop")
+        try:
+            assert sought.wait(PATIENCE)
+            other.operate("Bob")
+            assert signalled == []
+        finally:
+            others.set()
+        served.wait(lambda: signalled)
+    os.close(noted)
+
+
 def test_a_stop_of_a_terminals_run_is_refused_and_hits_no_process_of_an_old_note(
     served: Served, signalled: list[tuple[int, int]]
 ):
@@ -211,6 +237,27 @@ def test_a_run_goes_on_when_all_pages_are_closed(served: Served):
         assert page.until("state")["time"] > first
         page.say("stop")
         page.until("done")
+
+
+def test_a_process_that_cannot_be_started_is_said_and_what_was_shown_stays(
+    served: Served, ada: Page, monkeypatch: pytest.MonkeyPatch
+):
+    ada.start()
+    ada.say("abort")
+    ada.until("done", words="aborted")
+    served.wait(lambda: served.hub.going is None)
+
+    def fails(*_: object, **__: object) -> None:
+        raise OSError(EMFILE, os.strerror(EMFILE))
+
+    monkeypatch.setattr(going, "Popen", fails)
+    ada.say("start", plan="demo", sensor=None, **SIMULATED)
+    words = ada.until("refused")["words"]
+    assert words == "the run's process cannot be started: Too many open files"
+    with served.page() as late:
+        late.until("done", words="aborted")
+    monkeypatch.undo()
+    ada.start()
 
 
 def test_a_process_that_ends_without_a_word_is_an_interrupted_run(served: Served, ada: Page):

@@ -70,6 +70,11 @@ class Layout:
     status_good: tuple[int, int] = (0, 0)
 
     @property
+    def roles(self) -> frozenset[str]:
+        """What the fields of the packets mean, those of all packets together."""
+        return frozenset(field.role for frame in self.frames for field in frame.fields)
+
+    @property
     def sequence(self) -> str | None:
         """What tells lost packets: "counter", else "time" of a stated rate, else None."""
         roles = {field.role for field in self.frames[0].fields}

@@ -110,7 +110,7 @@ class Hub:
                 if self.people.leave_seat(viewer):
                     self._tell_people()
             case "stop":
-                self.stop(asked.get("run"))
+                await self.stop(asked.get("run"))
             case "start":
                 await self._begin(asked)
             case "resume":
@@ -123,8 +123,8 @@ class Hub:
                 if self.goes_on is None or self.going is None or not self.going.tell(what):
                     raise InputError("no run goes on")
 
-    def stop(self, name: object = None) -> None:
-        """Have the table stopped at once, of the run that is shown or of one without a page.
+    async def stop(self, name: object = None) -> None:
+        """Have the table stopped: at once of the run that is shown, else of one without a page.
 
         Raises
         ------
@@ -134,13 +134,8 @@ class Hub:
         if self.going is not None and name in (None, self.going.order.name):
             self.going.stop()
             return
-        runs = self.runs.all().items()
-        there = [one for key, one in runs if one.state == "running" and name in (None, key)]
-        if not there:
-            raise InputError("no run goes on")
-        reached = [_interrupted(one.path) for one in there]
-        if not all(reached):
-            raise InputError("a terminal drives it: stop it there, or by the emergency stop")
+        # All journals are opened to find it: meanwhile the loop hears others, their stop too.
+        await asyncio.to_thread(self._stop_elsewhere, name)
 
     async def none_goes_on(self) -> Mapping[str, RunThere]:
         """Return the runs there are.
@@ -161,6 +156,16 @@ class Hub:
         """Return when no run goes on any more, or after `patience` s."""
         if self._relaying is not None:
             await asyncio.wait([self._relaying], timeout=patience)
+
+    def _stop_elsewhere(self, name: object) -> None:
+        """Have a run stopped that is not shown."""
+        runs = self.runs.all().items()
+        there = [one for key, one in runs if one.state == "running" and name in (None, key)]
+        if not there:
+            raise InputError("no run goes on")
+        reached = [_interrupted(one.path) for one in there]
+        if not all(reached):
+            raise InputError("a terminal drives it: stop it there, or by the emergency stop")
 
     async def _begin(self, asked: Asked) -> None:
         """Begin a run as asked."""
@@ -215,8 +220,11 @@ class Hub:
         )
 
     def _go(self, order: Order) -> None:
+        try:
+            self.going = self._start(order)
+        except OSError as error:
+            raise InputError(f"the run's process cannot be started: {error.strerror}") from None
         self._kept, self._has_told_its_end = Kept(), False
-        self.going = self._start(order)
         # The process takes seconds before it tells anything itself.
         starts = _text("phase", run=order.name, words="starting the run's process")
         self._kept.keep("phase", starts)

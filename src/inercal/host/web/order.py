@@ -92,7 +92,7 @@ class Note(NamedTuple):
     Parameters
     ----------
     process : int
-        Its number, as long as `inhabited` says so.
+        Its number, as long as the note is locked (`driven`); an old one's may be another's by now.
     simulated : Simulated or None
         The bench that is simulated for the run.
     """

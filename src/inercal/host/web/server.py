@@ -90,12 +90,13 @@ class Server(uvicorn.Server):
 
     def end(self) -> None:
         """Stop the run, if one goes on, and end when that has ended."""
-        if self._hub.goes_on is not None:
+        going = self._hub.going
+        if going is not None and self._hub.goes_on is not None:
+            going.stop()
             say(
                 "the run is being stopped; this ends when the table is at rest (Ctrl-C again: at "
                 "once; the run is stopped all the same)"
             )
-            self._hub.stop()
         self._ending = asyncio.ensure_future(self._end())
 
     async def _end(self) -> None:

@@ -1,0 +1,88 @@
+"""The account of a run that goes on: what was said before the interruption is not said again."""
+
+from pathlib import Path
+
+import pytest
+from tests.host.bench_log import LAYOUT, PATH, Bench, Faults, run_file
+
+from inercal.host.account import Account
+from inercal.host.folder import Folder, begin
+from inercal.host.journal import Journal
+from inercal.host.log import Frame, Log
+
+ADDRESSES = (
+    "pmac://10.0.0.5:1025?motors=1,2,3&counts=3600000",
+    "tcp://10.0.0.6:1?preset=fixed",
+    "",
+)
+# Its first rest is too short for the filters; it lasts for longer than what is said again waits.
+LONG = PATH.replace("0,0,0,24", "0,0,0,12").replace("90,45,0,4", "90,45,0,110")
+HALF = 80.0  # s
+
+
+@pytest.fixture(scope="module")
+def logged(tmp_path_factory: pytest.TempPathFactory) -> list[Frame]:
+    run = run_file(tmp_path_factory.mktemp("bench"), LONG)
+    return Bench(run, seed=1, faults=Faults(lost=0.01)).frames()
+
+
+def interrupted(folder: Path, frames: list[Frame]) -> Folder:
+    """Return the folder of a run that left these frames, and a journal that has heard nothing."""
+    (folder / "plan").mkdir()
+    made, journal = begin(folder / "run", run_file(folder / "plan", LONG), ADDRESSES)
+    journal.close()
+    with Log(made.log) as log:
+        for frame in frames:
+            log.append(*frame)
+    return made
+
+
+def go_on(account: Account, frames: list[Frame]) -> None:
+    """Let a run go on, as these frames come."""
+    for frame in frames:
+        account.keep(*frame)
+        if account.due(frame.time):
+            account.work(frame.time)
+
+
+def test_what_was_said_before_an_interruption_is_not_said_again(
+    tmp_path: Path, logged: list[Frame]
+):
+    folder = interrupted(tmp_path, [])
+    with Journal(folder.journal) as journal:
+        with Account(folder, journal, LAYOUT) as account:
+            go_on(account, logged)
+        said = journal.events()
+        assert [event.words.split()[0] for event in said] == ["live", "so", "so"]
+        for _ in range(2):
+            with Account(folder, journal, LAYOUT) as account:
+                assert account.assembly.tally.bytes.lost > 100
+            assert journal.events() == said
+
+
+def test_an_end_of_live_estimation_that_only_the_replay_comes_to_is_said_once(
+    tmp_path: Path, logged: list[Frame]
+):
+    folder = interrupted(tmp_path, logged)
+    with Journal(folder.journal) as journal:
+        for _ in range(2):
+            with Account(folder, journal, LAYOUT) as account:
+                assert account.live is None
+        (event,) = journal.events()
+    assert event.words.startswith("live estimation ends: ")
+    assert "begins with a rest of 11" in event.words
+
+
+def test_of_a_run_that_goes_on_losses_are_told_when_there_are_more(
+    tmp_path: Path, logged: list[Frame]
+):
+    before = [frame for frame in logged if frame.time < HALF]
+    folder = interrupted(tmp_path, before)
+    with Journal(folder.journal) as journal, Account(folder, journal, LAYOUT) as account:
+        lost = account.assembly.tally.bytes.lost
+        assert lost > 50
+        told = len(journal.events())
+        go_on(account, logged[len(before) :])
+        (event,) = journal.events(told)
+    assert event.time == pytest.approx(HALF + 60, abs=6)
+    assert lost < int(event.words.split()[2]) < account.assembly.tally.bytes.lost
