@@ -251,7 +251,7 @@ def test_a_date_that_is_stated_counts(program: Program, tmp_path: Path):
 def test_the_folder_of_a_run_is_imported_and_listed(program: Program, tmp_path: Path):
     addresses = ("pmac://h:1?motors=1,2,3&counts=3600000", "tcp://h:2?preset=fixed", "")
     folder, journal = begin(tmp_path / "run", plan(tmp_path / "plan"), addresses)
-    journal.end("interrupted")
+    journal.put_state("interrupted")
     journal.close()
     said = program("store", "import", folder.path)
     assert (said.status, said.out) == (0, f"{folder.path}: run 1\n")

@@ -57,7 +57,7 @@ def finished(folder: Folder, journal: Journal) -> None:
     folder.made("report.html").write_text("<html>")
     for path in (folder.run.path, folder.log, recording, folder.made("calibration.json")):
         journal.file(path.name, path.stat().st_size, digest(path))
-    journal.end("done")
+    journal.put_state("done")
 
 
 def test_a_run_is_entered_as_it_begins_and_as_it_ends(
@@ -71,7 +71,7 @@ def test_a_run_is_entered_as_it_begins_and_as_it_ends(
     assert run.folder == str(folder.path)
     assert run.begun == journal.header().begun
     assert run.by == "Ada"
-    journal.end("interrupted")
+    journal.put_state("interrupted")
     assert enter(register, folder.path) == number
     (run,) = register.runs()
     assert run.state == "interrupted"
@@ -124,7 +124,7 @@ def test_a_run_that_is_there_as_done_is_not_read_again(
     runs = Runs(folder.path.parent)
     read: list[Path] = []
     monkeypatch.setattr(entering, "digest", lambda path: read.append(path) or digest(path))
-    journal.end("interrupted")
+    journal.put_state("interrupted")
     address = str(folder.path.parent / "register.db")
     for _ in range(2):  # it may go on
         assert runs.enter(address) == []

@@ -35,7 +35,7 @@ def test_a_journal_says_again_what_it_was_told(path: Path):
         journal.event("info", "resumed")
         journal.file("run.log", 12, "ab")
         journal.file("run.log", 13, "cd")
-        journal.end("interrupted")
+        journal.put_state("interrupted")
     with Journal(path) as journal:
         assert journal.done() == 1
         assert journal.sections() == (("warm-up", 3.5, 5.5),)

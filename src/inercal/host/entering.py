@@ -21,7 +21,8 @@ if TYPE_CHECKING:  # a bench runs without a register
 def enter(register: "Register", folder: str | Path) -> int:
     """Enter the run of a folder, its files and its calibration if there is one; return its id.
 
-    As often as one likes: what is there already stays, state and files are brought up to date.
+    As often as one likes: what is there already stays; state, folder and files are brought up to
+    date.
 
     Parameters
     ----------

@@ -69,7 +69,7 @@ def finish(
     files["report"] = write_report(outcome, report, run.truth or None, keep())
     _keep(journal, files["calibration_file"])
     _keep(journal, files["report"])
-    journal.end("done")
+    journal.put_state("done")
     named = {kind: str(path) for kind, path in files.items()}
     return Finished(outcome, named | {"journal": str(folder.journal)})
 

@@ -151,7 +151,7 @@ class Journal:
         """Keep where table, IMU and clock are from now on."""
         self._do("UPDATE run SET table_address = ?, imu_address = ?, clock_address = ?", *addresses)
 
-    def end(self, state: str) -> None:
+    def put_state(self, state: str) -> None:
         """Say how far the run is: a `state` of `Header`."""
         self._do("UPDATE run SET state = ?", state)
 

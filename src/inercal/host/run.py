@@ -129,8 +129,7 @@ class BenchRun:
         self._commands: list[Command] = []
         self._shown, self._waits = 0.0, True
         layout = layout_of_address(addresses.imu)
-        carried = {field.role for frame in layout.frames for field in frame.fields}
-        if options.temperature is not None and "temperature" not in carried:
+        if options.temperature is not None and "temperature" not in layout.roles:
             raise InputError(f"packets of {layout.name} carry no temperature that could be watched")
         with ExitStack() as opened:
             self.account = opened.enter_context(Account(folder, journal, layout))
@@ -189,7 +188,7 @@ class BenchRun:
         """
         with self._guard.catch_signals():
             try:
-                self._journal.end("running")
+                self._journal.put_state("running")
                 self._attach()
                 self._clock.begin(self._next)
                 # The watchdog of a host that was killed may be stopping the table still.
@@ -206,7 +205,7 @@ class BenchRun:
         self._work()
         self._over = monotonic()
         done = self.sequencer.phase == "done" and not self.trouble
-        self._journal.end("carried out" if done else "interrupted")
+        self._journal.put_state("carried out" if done else "interrupted")
         self._look()
         return done
 

@@ -92,13 +92,12 @@ def enter_run(db: Connection, facts: RunFacts, who: Who) -> int:
             "folder": facts.folder,
         }
         run_id = _new(db, run, values, who)
+    elif found.state == _DONE != facts.state:
+        return found.id
     else:
         run_id = found.id
-        older = found.state == _DONE != facts.state
-        values = {"state": _DONE if older else facts.state, "folder": facts.folder}
+        values = {"state": facts.state, "folder": facts.folder}
         db.execute(update(run).where(run.c.id == run_id).values(values))
-        if older:
-            return run_id
     _enter_files(db, run_id, facts, who)
     digests = [sha256 for _, sha256 in facts.files.values()]
     theirs = (

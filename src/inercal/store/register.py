@@ -131,7 +131,7 @@ class Register:
     ) -> int:
         """Enter a run, and its calibration or the file of it; return the run's id.
 
-        Of a run that is there state and files are brought up to date, and nothing else.
+        Of a run that is there state, folder and files are brought up to date, and nothing else.
 
         Raises
         ------
