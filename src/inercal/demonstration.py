@@ -86,7 +86,7 @@ def demo(
         with started(run, seed, _PACKETS) as bench:
             # The bench's processes have read the run file; from here on its copy counts.
             made, journal = begin(folder, run, bench.addresses, POLL)
-            with journal:
+            with journal, made.kept_if_begun():
                 try:
                     going = carried_out(made, journal, show=show, beside=lambda _: bench.beside())
                 except Interrupted as error:

@@ -1,6 +1,6 @@
 """The order in which a run, what goes on beside it and what may take its time are left."""
 
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Self
@@ -8,8 +8,10 @@ from typing import Self
 import pytest
 from tests.host.benches import plan
 
+from inercal.errors import InputError
 from inercal.host.carry import Interrupted, carried_out
-from inercal.host.folder import begin
+from inercal.host.folder import Folder, begin
+from inercal.host.journal import Journal
 
 
 class Run:
@@ -17,6 +19,7 @@ class Run:
 
     done: list[str]
     ends: bool
+    fails = False
     trouble = ""
 
     def __init__(self, *_: object):
@@ -24,6 +27,8 @@ class Run:
 
     def carry_out(self) -> bool:
         Run.done.append("carried out")
+        if Run.fails:
+            raise InputError("no space left on device")
         return self.ends
 
     def __enter__(self) -> Self:
@@ -41,19 +46,32 @@ def kept(name: str) -> Generator[None]:
     Run.done.append(f"{name} left")
 
 
-@pytest.mark.parametrize("ends", [True, False])
-def test_a_table_rests_before_what_may_take_its_time_is_waited_for(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ends: bool
-):
-    Run.done, Run.ends = [], ends
+@pytest.fixture
+def begun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Folder, Journal]]:
+    Run.done = []
     monkeypatch.setattr("inercal.host.carry.BenchRun", Run)
     addresses = ("pmac://10.0.0.5?motors=1,2,3&counts=3600000", "tcp://10.0.0.5:9?preset=fixed", "")
     made, journal = begin(tmp_path / "run", plan(tmp_path / "plan"), addresses)
+    with journal:
+        yield made, journal
 
-    with journal, nullcontext() if ends else pytest.raises(Interrupted, match="and at rest"):
-        carried_out(
-            made, journal, beside=lambda _: kept("keys"), meanwhile=lambda: kept("register")
-        )
+
+@pytest.mark.parametrize("ends", [True, False])
+def test_a_table_rests_before_what_may_take_its_time_is_waited_for(
+    begun: tuple[Folder, Journal], ends: bool
+):
+    Run.ends = ends
+    with nullcontext() if ends else pytest.raises(Interrupted, match="and at rest"):
+        carried_out(*begun, beside=lambda _: kept("keys"), meanwhile=lambda: kept("register"))
     assert Run.done == [
         "connected", "keys", "register", "carried out", "keys left", "at rest", "register left"
     ]  # fmt: skip
+
+
+def test_a_run_whose_end_no_disk_takes_may_go_on_later(
+    begun: tuple[Folder, Journal], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(Run, "fails", True)
+    with pytest.raises(Interrupted, match="no space left"):
+        carried_out(*begun)
+    assert Run.done[-1] == "at rest"

@@ -7,10 +7,11 @@ from tests.host.benches import plan
 
 from inercal.errors import InputError
 from inercal.host.folder import Folder, begin, resumed
+from inercal.host.journal import Journal
 
 TABLE, IMU = "pmac://10.0.0.5:1025?motors=1,2,3&counts=3600000", "tcp://10.0.0.5:99?preset=fixed"
-CLOCK = "clock://127.0.0.1:40000"
-ELSEWHERE = TABLE.replace(".5:", ".6:")
+CLOCK, OTHER_CLOCK = "clock://127.0.0.1:40000", "clock://127.0.0.1:40001"
+ELSEWHERE, OTHER_IMU = TABLE.replace(".5:", ".6:"), IMU.replace(":99", ":98")
 
 
 @pytest.mark.parametrize("name", ["plan.toml", "plan.report.html", "plan.calibration.json"])
@@ -36,8 +37,8 @@ def test_a_run_in_the_folder_of_its_own_plan_is_refused(tmp_path: Path):
     assert {one.name: one.read_bytes() for one in tmp_path.iterdir()} == before
 
 
-def begun(tmp_path: Path) -> Folder:
-    made, journal = begin(tmp_path / "run", plan(tmp_path / "plan"), (TABLE, IMU, CLOCK))
+def begun(tmp_path: Path, clock: str = CLOCK) -> Folder:
+    made, journal = begin(tmp_path / "run", plan(tmp_path / "plan"), (TABLE, IMU, clock))
     journal.close()
     return made
 
@@ -61,20 +62,44 @@ def test_of_a_run_that_was_begun_all_is_left(tmp_path: Path):
     assert sorted(made.path.iterdir()) == before
 
 
+def test_a_simulated_run_goes_on_at_a_simulated_bench_wherever_that_is_now(tmp_path: Path):
+    made = begun(tmp_path)
+    for given, now in (
+        (("", "", ""), (TABLE, IMU, CLOCK)),
+        ((TABLE, OTHER_IMU, ""), (TABLE, OTHER_IMU, CLOCK)),
+        ((ELSEWHERE, "", OTHER_CLOCK), (ELSEWHERE, OTHER_IMU, OTHER_CLOCK)),
+    ):
+        _, journal = resumed(made.path, given)
+        with journal:
+            assert journal.header().addresses == now
+
+
 @pytest.mark.parametrize(
-    ("given", "clock"),
+    ("clock", "given", "words"),
     [
-        (("", "", ""), CLOCK),
-        (("", IMU.replace(":99", ":98"), ""), CLOCK),
-        ((ELSEWHERE, "", ""), ""),
-        ((ELSEWHERE, "", "clock://127.0.0.1:1"), "clock://127.0.0.1:1"),
+        (CLOCK, (ELSEWHERE, "", ""), "begun on a simulated bench: name the clock beside the table"),
+        ("", (ELSEWHERE, "", CLOCK), "begun by the wall's clock: it goes on without clock://"),
     ],
 )
-def test_a_run_that_goes_on_at_another_table_goes_by_its_clock(
-    tmp_path: Path, given: tuple[str, str, str], clock: str
+def test_what_was_begun_in_simulation_does_not_go_on_on_iron_nor_the_other_way_round(
+    tmp_path: Path, clock: str, given: tuple[str, str, str], words: str
 ):
-    made = begun(tmp_path)
-    _, journal = resumed(made.path, given)
+    made = begun(tmp_path, clock)
+    with pytest.raises(InputError, match=words):
+        resumed(made.path, given)
+    _, journal = resumed(made.path)
     with journal:
-        was = journal.header()
-    assert was.addresses == (given[0] or TABLE, given[1] or IMU, clock)
+        assert journal.header().addresses == (TABLE, IMU, clock)
+
+
+def test_a_folder_whose_journal_could_not_be_made_may_be_named_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def full(*_: object) -> Journal:
+        raise InputError("no space left on device")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Journal, "begin", full)
+        with pytest.raises(InputError, match="no space"):
+            begun(tmp_path)
+    assert begun(tmp_path).path.exists()

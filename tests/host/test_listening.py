@@ -1,6 +1,7 @@
 """What becomes of an IMU's port in a run: lost, and opened again without the run's waiting."""
 
 import socket
+from inspect import signature
 from itertools import pairwise
 from time import monotonic
 from typing import Any
@@ -10,12 +11,14 @@ import pytest
 from inercal.host import listening
 from inercal.host.addresses import open_imu
 from inercal.host.clock import Tick
+from inercal.host.guard import Guard
 from inercal.host.imu import ImuPort
 from inercal.host.link import LinkLost
 from inercal.host.listening import Listening
 from inercal.host.packets import read_layout
 
-SILENCE = 1.5  # s after which the watchdog stops the table: `Guard`'s own
+# s after which the watchdog stops the table
+SILENCE: float = signature(Guard).parameters["silence"].default
 
 
 def _tick(time: float) -> Tick:

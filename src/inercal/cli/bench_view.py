@@ -30,7 +30,9 @@ def viewing(keys: str = KEYS) -> Generator[Callable[["BenchRun"], None]]:
 
         def on_broken_pipe(self) -> None:
             # Rich ends the program here; what is written from now on goes nowhere.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, sys.stderr.fileno())
+            os.close(nowhere)
 
     console = Unseen(stderr=True, highlight=False)
     if not console.is_terminal:

@@ -133,7 +133,8 @@ class Account:
         """
         block = self._piece(time)
         if block is not None:
-            self._tell_losses(time)
+            for words in self._of_losses(time):
+                self.say(time, "warning", words)
         return block
 
     def _piece(self, time: float) -> Block | None:
@@ -162,39 +163,32 @@ class Account:
             if all(event.words != words for event in self._journal.events()):
                 self.say(time, "warning", words)
 
-    @property
-    def _lost(self) -> tuple[int, int, int]:
-        """Packets lost, packets with a wrong check, samples without an angle."""
+    def _of_losses(self, time: float) -> list[str]:
+        """Return what is to be said of losses, now and then where there are more: it is, then."""
         tally = self.assembly.tally
-        return tally.bytes.lost, tally.bytes.failed, tally.no_angle
-
-    def _tell_losses(self, time: float) -> None:
-        """Say how much was lost or left out, now and then where there is more."""
-        tally = self.assembly.tally
-        counts, losses = tally.bytes, self._lost
-        if losses == self._losses or time - self._lost_at < _SAID_AGAIN:
-            return
-        if losses[:2] != self._losses[:2]:
-            self.say(
-                time,
-                "warning",
-                f"so far {counts.lost} packets of {counts.packets + counts.lost} are lost, and "
-                f"{counts.failed} had a wrong check",
-            )
-        if tally.no_angle != self._losses[2]:
-            self.say(
-                time,
-                "warning",
-                f"so far {tally.no_angle} samples of {tally.samples + tally.no_angle} are left "
-                "out: the table was read too seldom while it turned, or sought its zero",
-            )
+        counts, before = tally.bytes, self._losses
+        losses = counts.lost, counts.failed, tally.no_angle
+        if losses == before or time - self._lost_at < _SAID_AGAIN:
+            return []
         self._losses, self._lost_at = losses, time
+        made: list[str] = []
+        if losses[:2] != before[:2]:
+            made.append(
+                f"so far {counts.lost} packets of {counts.packets + counts.lost} are lost, and "
+                f"{counts.failed} had a wrong check"
+            )
+        if tally.no_angle != before[2]:
+            made.append(
+                f"so far {tally.no_angle} samples of {tally.samples + tally.no_angle} are left "
+                "out: the table was read too seldom while it turned, or sought its zero"
+            )
+        return made
 
     def _event(self, at: float, content: dict[str, object]) -> None:
         self.keep(EVENT, at, json.dumps(content).encode())
 
     def _replay(self, folder: Folder) -> None:
-        """Go through what the log holds of a run that was interrupted; its losses were told."""
+        """Go through what the log holds of a run that was interrupted; what was said stays so."""
         done = last = 0.0
         for frame in frames(folder.log):
             self.assembly.feed(frame)
@@ -202,8 +196,8 @@ class Account:
             if last - done >= _LONGEST:
                 done = last
                 self._piece(done)
+                self._of_losses(done)
         self._piece(last)
-        self._losses, self._lost_at = self._lost, last
 
     def __enter__(self) -> Self:
         return self

@@ -52,7 +52,10 @@ def carried_out(
         beside(run),
     ):
         after.enter_context(meanwhile())
-        done = run.carry_out()
+        try:
+            done = run.carry_out()
+        except InercalError as error:  # of a full disk: neither log nor journal takes the end
+            raise Interrupted(str(error)) from error
     if not done:
         raise Interrupted(run.trouble)  # what was said of the end is in it by now
     return run

@@ -144,15 +144,12 @@ class Driven:
         self._guard.stop()
         until = monotonic() + _LEAVING
         lines = list[str]()
-        try:
-            while "at rest" not in lines and self._guard.alive and monotonic() < until:
-                select([], [], [], _LOOKS)
-                lines += self._guard.said()
-        finally:  # who does not wait for it, by another Ctrl-C, does not call it off
-            if "at rest" not in lines:
-                self._guard.leave()
+        while "at rest" not in lines and self._guard.alive and monotonic() < until:
+            select([], [], [], _LOOKS)
+            lines += self._guard.said()
         if "at rest" in lines:
             return next((f"watchdog: {line}" for line in lines if line.startswith("killed")), None)
+        self._guard.leave()
         does = "goes on trying to stop it" if self._guard.alive else "is gone: cut its power"
         words = f"nobody has seen the table come to rest; the watchdog {does}"
         return "; ".join([words, *lines[-1:]])

@@ -74,10 +74,7 @@ def _proved(
         path = made.path / name
         if header.state == "running" or not path.is_file():
             continue  # the log of a run that goes on grows
-        try:
-            now = path.stat().st_size, digest(path)
-        except OSError as error:
-            raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+        now = path.stat().st_size, digest(path)
         if found.setdefault(name, now) != now:
             raise InputError(
                 f"{path}: changed since the run left it (its SHA-256 differs from the journal's); "

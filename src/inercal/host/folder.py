@@ -18,7 +18,7 @@ from pathlib import Path
 
 from inercal.errors import InputError
 from inercal.host.addresses import layout_of_address
-from inercal.host.journal import Journal
+from inercal.host.journal import Header, Journal
 from inercal.host.record import require_recordable
 from inercal.io.atomic import atomic_write
 from inercal.runfile import Run, read
@@ -137,13 +137,14 @@ def begin(
     Raises
     ------
     InputError
-        The folder cannot be made or holds a run, the run file is none of a bench run, or its plan
-        cannot be carried out.
+        The folder cannot be made, holds a run or a file of a name that the run's are given; the run
+        file is none of a bench run, or its plan cannot be carried out.
     """
     require_recordable(run, layout_of_address(addresses[1]))
-    count = len(run.steps)
     folder = Folder.begin(path, run, content)
-    return folder, Journal.begin(folder.journal, run.path.name, addresses, poll, count)
+    with folder.kept_if_begun():
+        name, count = run.path.name, len(run.steps)
+        return folder, Journal.begin(folder.journal, name, addresses, poll, count)
 
 
 def require_free(path: str | os.PathLike[str]) -> None:
@@ -175,13 +176,13 @@ def resumed(
     ----------
     path : path
     addresses : tuple of str
-        Of table, IMU and clock, where they are others now; another table without a clock goes by
-        the wall's.
+        Of table, IMU and clock, where they are others now.
 
     Raises
     ------
     InputError
-        There is no run in the folder, it is done, or the IMU's packets are others.
+        There is no run in the folder, it is done, the IMU's packets are others, or a run of a
+        simulated bench is to go on at a table without its clock, or the other way round.
     """
     journal = Journal(Path(path) / JOURNAL)
     try:
@@ -190,16 +191,23 @@ def resumed(
             raise InputError(f"{path}: this run is done; its recording can be calibrated again")
         folder = Folder.of(path, was.run_file)
         table, imu = addresses[0] or was.table, addresses[1] or was.imu
-        # The clock is the table's: another table has its own, or the wall's.
-        clock = addresses[2] or ("" if addresses[0] else was.clock)
+        _require_same_kind(path, was, table, addresses[2])
         before, after = (layout_of_address(one).name for one in (was.imu, imu))
         if before != after:
             raise InputError(f"{path}: what its log holds are packets of {before}, not {after}")
-        journal.move((table, imu, clock))
+        journal.move((table, imu, addresses[2] or was.clock))
     except BaseException:
         journal.close()
         raise
     return folder, journal
+
+
+def _require_same_kind(path: str | os.PathLike[str], was: Header, table: str, clock: str) -> None:
+    """Refuse to go on by another time: granted by a simulated bench, or the wall's."""
+    if was.clock and not clock and table != was.table:
+        raise InputError(f"{path} was begun on a simulated bench: name the clock beside the table")
+    if clock and not was.clock:
+        raise InputError(f"{path} was begun by the wall's clock: it goes on without {clock}")
 
 
 def _named(run_file: Path) -> list[str]:

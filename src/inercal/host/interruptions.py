@@ -113,13 +113,15 @@ class Interruptions:
     def end(self, words: str) -> None:
         """Abort the run; why is said once, and the first reason is the run's trouble."""
         self.trouble = self.trouble or words
-        # Before anything is said: a journal may have to be waited for, or be what has failed.
-        if not self._sequencer.over:
-            self._stop(self._sequencer.abort)
-        # While the table comes to rest it is looked at again and again: once said is enough.
-        if words not in self._ends:
-            self._ends.add(words)
-            self._say("alarm", words)
+        try:
+            # Before anything is said: a journal may have to be waited for, or be what has failed.
+            if not self._sequencer.over:
+                self._stop(self._sequencer.abort)
+        finally:
+            # While the table comes to rest it is looked at again and again: once said is enough.
+            if words not in self._ends:
+                self._ends.add(words)
+                self._say("alarm", words)
 
     def add(self, words: str) -> None:
         """Say what came to be known after the end, and add it to the run's trouble."""

@@ -12,6 +12,7 @@ _SILENT = 0.5  # s
 _CALM = 1.0  # s of bytes from one that was silent, before it is trusted again
 _AGAIN = 0.5  # s of the wall's between two tries to open a port
 # s that such a try may take: the run stands still meanwhile, which the watchdog allows for 1.5 s.
+# To look up a name the system takes its own time.
 _REOPENING = 0.5
 
 

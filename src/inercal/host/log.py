@@ -13,7 +13,7 @@ opens the file again.
 import os
 import sys
 from collections.abc import Generator
-from hashlib import sha256
+from hashlib import file_digest
 from pathlib import Path
 from struct import Struct
 from time import monotonic, sleep
@@ -146,12 +146,18 @@ def frames(path: str | os.PathLike[str]) -> Generator[Frame]:
 
 
 def digest(path: str | os.PathLike[str]) -> str:
-    """Return the SHA-256 of a file, in hexadecimal."""
-    made = sha256()
-    with open(path, "rb") as file:
-        while block := file.read(1 << 20):
-            made.update(block)
-    return made.hexdigest()
+    """Return the SHA-256 of a file, in hexadecimal.
+
+    Raises
+    ------
+    InputError
+        It cannot be read.
+    """
+    try:
+        with open(path, "rb") as file:
+            return file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
 
 
 def driven(path: str | os.PathLike[str]) -> bool:

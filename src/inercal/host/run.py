@@ -149,6 +149,7 @@ class BenchRun:
             waits = bool(addresses.clock)
             self._imu = Listening(partial(open_imu, addresses.imu, clock.now, waits=waits), tick)
             opened.callback(self._imu.close)
+            journal.put_state("running")
             self._opened = opened.pop_all()
         self.time, self._next = tick.time, tick.time + self._poll
         self._packets, self._differ = (0, tick.time), False
@@ -188,7 +189,6 @@ class BenchRun:
         """
         with self._guard.catch_signals():
             try:
-                self._journal.put_state("running")
                 self._attach()
                 self._clock.begin(self._next)
                 # The watchdog of a host that was killed may be stopping the table still.
@@ -367,6 +367,9 @@ class BenchRun:
                 self._clock.close()  # a simulated bench goes on by itself then
                 if (words := self._driven.leave()) is not None:
                     self._interruptions.add(words)
+        except BaseException:
+            self._guard.leave()  # who does not wait for it, by another Ctrl-C, does not call it off
+            raise
         finally:
             self._opened.close()
 
