@@ -32,8 +32,6 @@ _KINDS = {
     "js": "text/javascript; charset=utf-8",
     "css": "text/css; charset=utf-8",
     "svg": "image/svg+xml",
-    "png": "image/png",
-    "ico": "image/x-icon",
 }
 # A report and a history bring their styles and pictures with them, and run nothing.
 _ALONE = (
@@ -90,7 +88,7 @@ class Page:
         """Return what there is to choose from."""
         async with self._looking:
             content = await asyncio.to_thread(self._setup)
-        return JSONResponse(content | {"going": self._hub.goes_on})
+        return JSONResponse(content)
 
     async def probe(self, request: Request) -> Response:
         """Ask the devices, for the operator."""
@@ -213,7 +211,6 @@ class Page:
         except InercalError as error:
             trouble = str(error)
         return {
-            "version": self._version,
             "register": address,
             "trouble": trouble,
             "plans": [plan.shown for plan in hub.plans.all().values()],

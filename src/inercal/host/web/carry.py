@@ -3,7 +3,6 @@
 import os
 from collections.abc import Mapping
 from contextlib import AbstractContextManager, ExitStack, nullcontext
-from datetime import UTC, datetime
 from pathlib import Path
 from time import sleep
 from typing import Any
@@ -92,7 +91,6 @@ class Carrying:
                 was = journal.header()
             run, clock = read(self._folder / was.run_file), clock or was.clock
         told = pictures.plan(run, turntable_of(run)) | {"run": order.name}
-        told["begun"] = datetime.now(UTC).isoformat(timespec="milliseconds")
         told["simulated"] = simulating.wanted(order) is not None or bool(clock)
         told["sensor"] = order.sensor or told["sensor"]
         self._publisher.tell("plan", **told)

@@ -67,14 +67,14 @@ class Hub:
         self._relaying: asyncio.Task[None] | None = None
 
     @property
-    def goes_on(self) -> str | None:
-        """The run that goes on; one that has told its end does not, though its process may."""
-        return None if self.going is None or self._has_told_its_end else self.going.order.name
+    def goes_on(self) -> bool:
+        """Whether a run goes on; one that has told its end does not, though its process may."""
+        return self.going is not None and not self._has_told_its_end
 
     def come(self, version: str, browser: str | None) -> Viewer:
         """Take a viewer in, and tell what there is to tell."""
         viewer = self.people.come(browser)
-        viewer.send("hello", _text("hello", you=viewer.number, version=version))
+        viewer.send("hello", _text("hello", version=version))
         self._tell_people()
         if self._kept is None:
             viewer.send("idle", _text("idle"))
@@ -116,11 +116,11 @@ class Hub:
             case "resume":
                 await self._resume(asked)
             case "put away":
-                if self.goes_on is not None:
+                if self.goes_on:
                     raise InputError("the run goes on")
                 self._put_away()
             case _:
-                if self.goes_on is None or self.going is None or not self.going.tell(what):
+                if not self.goes_on or self.going is None or not self.going.tell(what):
                     raise InputError("no run goes on")
 
     async def stop(self, name: object = None) -> None:

@@ -65,10 +65,7 @@ def state(run: BenchRun, bench: Turntable, angles: Array | None) -> dict[str, An
     """
     seen, tally = run.state, run.account.assembly.tally
     remaining = run.sequencer.remaining(seen.time) if seen is not None else None
-    table = None
-    if seen is not None:
-        axes = [_axis(axis) for axis in seen.axes]
-        table = {"time": number(seen.time), "axes": axes}
+    table = None if seen is None else {"axes": [_axis(axis) for axis in seen.axes]}
     counts = tally.bytes
     return {
         "time": number(run.time),

@@ -91,7 +91,7 @@ class Server(uvicorn.Server):
     def end(self) -> None:
         """Stop the run, if one goes on, and end when that has ended."""
         going = self._hub.going
-        if going is not None and self._hub.goes_on is not None:
+        if going is not None and self._hub.goes_on:
             going.stop()
             say(
                 "the run is being stopped; this ends when the table is at rest (Ctrl-C again: at "
