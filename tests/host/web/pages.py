@@ -39,7 +39,7 @@ def scripted(order: Order) -> Going:
 
 
 class Page:
-    """Somebody who looks on."""
+    """Somebody who looks on; `heard` is all but the beats, which come whenever they like."""
 
     def __init__(self, connecting: AbstractContextManager[ClientConnection]):
         self._connecting = connecting
@@ -52,8 +52,10 @@ class Page:
 
     def next(self, patience: float = PATIENCE) -> dict[str, Any]:
         """Return the next message."""
-        self.heard.append(json.loads(self.connection.recv(patience)))
-        return self.heard[-1]
+        message: dict[str, Any] = json.loads(self.connection.recv(patience))
+        if message["kind"] != "beat":
+            self.heard.append(message)
+        return message
 
     def until(self, kind: str, patience: float = PATIENCE, **content: object) -> dict[str, Any]:
         """Return the next message of a kind that says that."""

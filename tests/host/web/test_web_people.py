@@ -85,18 +85,28 @@ def test_only_an_operator_who_leaves_is_news(served: Served, ada: Page):
         other.until("people", operator=None)
 
 
-def test_of_people_a_slow_viewer_is_told_the_latest():
+def test_every_viewer_hears_the_server_beat_while_nothing_goes_on(
+    served: Served, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(app, "_BEAT", 0.01)
+    with served.page() as page, served.page() as other:
+        for _ in range(3):
+            assert page.until("beat") == other.until("beat") == {"kind": "beat"}
+
+
+def test_of_people_and_beats_a_slow_viewer_is_told_the_latest():
     viewer = people.Viewer(1, None)
     for k in range(100):
         viewer.send("people", f"people {k}")
+        viewer.send("beat", "beat")
     viewer.send("event", "event")
 
     async def told() -> list[str]:
-        first = [await viewer.next(), await viewer.next()]
+        first = [await viewer.next() for _ in range(3)]
         viewer.send("people", "people again")
         return [*first, await viewer.next()]
 
-    assert asyncio.run(told()) == ["people 99", "event", "people again"]
+    assert asyncio.run(told()) == ["people 99", "beat", "event", "people again"]
 
 
 def test_an_operator_who_stays_away_is_followed_by_another(

@@ -27,6 +27,7 @@ from inercal.host.web.probing import probe
 from inercal.host.web.refused import Refused
 
 _A_SECOND = 20  # messages of a viewer
+_BEAT = 2.0  # s
 _KINDS = {
     "html": "text/html; charset=utf-8",
     "js": "text/javascript; charset=utf-8",
@@ -160,15 +161,17 @@ class Page:
         await websocket.accept()
         viewer = self._hub.come(self._version, cookie(websocket.headers, VIEWER))
         sending = asyncio.create_task(_send(websocket, viewer))
+        beating = asyncio.create_task(_beat(viewer))
         try:
             await self._hear(websocket, viewer, who)
         except WebSocketDisconnect:
             pass
         finally:
             self._hub.go(viewer)
-            sending.cancel()
-            with suppress(asyncio.CancelledError):
-                await sending
+            for task in (beating, sending):
+                task.cancel()
+                with suppress(asyncio.CancelledError):
+                    await task
 
     async def _hear(self, websocket: WebSocket, viewer: Viewer, who: str) -> None:
         times: deque[float] = deque(maxlen=_A_SECOND + 1)
@@ -241,6 +244,13 @@ async def _send(websocket: WebSocket, viewer: Viewer) -> None:
     with suppress(WebSocketDisconnect, RuntimeError):  # gone, or told to go
         while True:
             await websocket.send_text(await viewer.next())
+
+
+async def _beat(viewer: Viewer) -> None:
+    """Have a page see that its connection is alive: a dead one looks like a run without news."""
+    while True:
+        await asyncio.sleep(_BEAT)
+        viewer.send("beat", '{"kind": "beat"}')
 
 
 def _static(folder: Traversable, prefix: str = "") -> "list[tuple[str, tuple[bytes, str]]]":

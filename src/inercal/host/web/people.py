@@ -9,7 +9,7 @@ from inercal.host.web.publish import PICTURES
 MOST = 32  # viewers
 _GONE = 10.0  # s that an operator's place is kept
 _NAME = 40  # characters
-_PEOPLE = ""  # stands in the queue for what is to be told of people
+_LATEST = frozenset(("people", "beat"))  # kinds of which only the latest counts
 
 
 class Viewer:
@@ -24,28 +24,27 @@ class Viewer:
 
     def __init__(self, number: int, browser: str | None):
         self.number, self.browser = number, browser
-        self._lanes: Lanes[str] = Lanes()
-        self._people: str | None = None  # what waits of these: only the latest counts
+        self._lanes: Lanes[tuple[str, str]] = Lanes()
+        self._latest: dict[str, str] = {}  # what waits, by kind
         self._news = asyncio.Event()
 
     def send(self, kind: str, text: str) -> None:
         """Have a message sent; pictures give way to later ones where it cannot be at once."""
-        if kind == "people":
-            waits, self._people = self._people is not None, text
+        if kind in _LATEST:
+            waits = kind in self._latest
+            self._latest[kind] = text
             if waits:
-                return
-            text = _PEOPLE
-        self._lanes.put(text, sure=kind not in PICTURES)
+                return  # at the place of the former
+        self._lanes.put((kind, text), sure=kind not in PICTURES)
         self._news.set()
 
     async def next(self) -> str:
         """Return what is to be sent next, once there is something."""
-        while (text := self._lanes.take()) is None:
+        while (one := self._lanes.take()) is None:
             self._news.clear()
             await self._news.wait()
-        if text == _PEOPLE and self._people is not None:
-            text, self._people = self._people, None
-        return text
+        kind, text = one
+        return self._latest.pop(kind, text)
 
 
 class People:
