@@ -273,10 +273,23 @@ def test_a_process_that_cannot_be_started_is_said_and_what_was_shown_stays(
 def test_a_process_that_ends_without_a_word_is_an_interrupted_run(served: Served, ada: Page):
     ada.start()
     assert served.hub.going is not None
+    begun_elsewhere(served, served.hub.going.order.name)
     served.hub.going.tell("fall")
     done = ada.until("done")
     assert done["state"] == "interrupted"
     assert "status 7" in done["words"]
+    assert "can be resumed" in done["words"]
+
+
+def test_a_process_that_ends_before_there_is_a_journal_leaves_nothing_to_resume(
+    served: Served, ada: Page
+):
+    ada.start()
+    assert served.hub.going is not None
+    served.hub.going.tell("fall")
+    done = ada.until("done")
+    assert done["state"] == "not begun"
+    assert done["words"] == "the run's process has ended (status 7) before anything moved"
 
 
 def test_to_end_the_server_is_to_stop_the_run(tmp_path: Path):

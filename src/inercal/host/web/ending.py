@@ -17,9 +17,25 @@ Told = dict[str, Any]
 
 
 def told(order: Order, state: str, words: str = "", **more: object) -> Told:
-    """Return what is told of an end: "done", "carried out" (no calibration) or "interrupted"."""
+    """Return what is told of an end.
+
+    Parameters
+    ----------
+    order : Order
+    state : "done", "carried out", "interrupted" or "not begun"
+        Carried out: without a calibration. Not begun: nothing was kept that could be resumed.
+    words : str
+        Why, where it is not done.
+    **more
+        "report", "calibration", "history" and "verdict", where there are any.
+    """
     links = dict.fromkeys(("report", "calibration", "history", "verdict"))
     return {"run": order.name, "state": state, "words": words, **links, **more}
+
+
+def cut_short(order: Order, words: str) -> Told:
+    """Return what is told of a run whose process came to nothing more."""
+    return told(order, "interrupted" if order.can_go_on else "not begun", words)
 
 
 class Ending:

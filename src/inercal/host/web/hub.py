@@ -240,12 +240,13 @@ class Hub:
         status = await going.ended()
         self.going = None
         if not self._has_told_its_end:
-            words = (
-                f"the run's process has ended (status {status}); the watchdog brings the table to "
-                "rest, and the run can be resumed"
-            )
+            state, since = "not begun", " before anything moved"
+            if going.order.can_go_on:
+                state = "interrupted"
+                since = "; the watchdog brings the table to rest, and the run can be resumed"
+            words = f"the run's process has ended (status {status}){since}"
             none = dict.fromkeys(("report", "calibration", "history", "verdict"))
-            text = _text("done", run=going.order.name, state="interrupted", words=words, **none)
+            text = _text("done", run=going.order.name, state=state, words=words, **none)
             kept.keep("done", text)
             self._tell("done", text)
 

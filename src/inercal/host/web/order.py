@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import tomlkit
 
 from inercal.errors import InputError
-from inercal.host.folder import LOG
+from inercal.host.folder import JOURNAL, LOG
 from inercal.host.log import driven, lock
 
 NOTE = "run.page.json"
@@ -77,6 +77,11 @@ class Order:
     def name(self) -> str:
         """What the run is called: its folder's name."""
         return Path(self.folder).name
+
+    @property
+    def can_go_on(self) -> bool:
+        """Whether there is a journal by which the run can be resumed."""
+        return (Path(self.folder) / JOURNAL).is_file()
 
 
 class Simulated(NamedTuple):

@@ -16,7 +16,7 @@ from typing import Any
 from inercal.errors import InercalError
 from inercal.host.web.carry import Carrying
 from inercal.host.web.control import Control
-from inercal.host.web.ending import told as told_of
+from inercal.host.web.ending import cut_short
 from inercal.host.web.order import Order
 from inercal.host.web.publish import Publisher
 
@@ -72,14 +72,14 @@ def _end(order: Order, publisher: Publisher, control: Control) -> Mapping[str, A
     try:
         return Carrying(order, publisher, control).carry_out()
     except InercalError as error:
-        return told_of(order, "interrupted", str(error))
+        return cut_short(order, str(error))
     except KeyboardInterrupt:
-        return told_of(order, "interrupted", "stopped before anything moved")
+        return cut_short(order, "stopped before anything moved")
     except Exception as error:
         # Told to who looks on; where it comes from stands in the server's log.
         sys.excepthook(*sys.exc_info())  # pyright: ignore[reportArgumentType]
         words = f"the run's process failed: {type(error).__name__}: {error}"
-        return told_of(order, "interrupted", words)
+        return cut_short(order, words)
 
 
 if __name__ == "__main__":
