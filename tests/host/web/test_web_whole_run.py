@@ -145,6 +145,11 @@ def test_estimates_converge_to_the_calibration(whole: Whole):
     assert all(0.3 < last["nis"][kind] < 3 for kind in ("w", "f"))
 
 
+def test_live_estimation_waits_for_a_rest_and_is_on_to_the_end(whole: Whole):
+    told = [one["live"] for one in whole.of("state")]
+    assert list(dict.fromkeys(told)) == ["waits", "on"]
+
+
 def test_samples_follow_one_another_and_are_those_of_the_recording(whole: Whole):
     times = np.concatenate([one["t"] for one in whole.of("samples")])
     assert np.all(np.diff(times) > 0)
@@ -160,7 +165,9 @@ def test_samples_follow_one_another_and_are_those_of_the_recording(whole: Whole)
 
 
 def test_attitudes_of_table_and_navigation_go_side_by_side(whole: Whole):
-    seen = [one["attitude"] for one in whole.of("state") if one["attitude"]]
+    told = [one["attitude"] for one in whole.of("state") if one["attitude"]]
+    assert told[0]["navigation"] is None  # the table's is known before the filters begin
+    seen = [one for one in told if one["navigation"]]
     assert len(seen) > 5
     for one in seen:
         table = np.array(one["table"]).reshape(3, 3)

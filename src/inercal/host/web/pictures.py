@@ -5,7 +5,7 @@ Numbers are rounded to what a page can show; one that is not known is null.
 
 from collections.abc import Sequence
 from math import degrees, isfinite
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from inercal.benches.turntable_attitude import reference
 from inercal.host.drivers.table import AxisState
 from inercal.host.run import BenchRun
 from inercal.host.tasks import tasks
+from inercal.methods.turntable_kalman import METHOD
 from inercal.runfile import Run
 from inercal.units import ZERO_CELSIUS
 
@@ -53,12 +54,14 @@ def plan(run: Run, bench: Turntable) -> dict[str, Any]:
     }
 
 
-def state(run: BenchRun, bench: Turntable, angles: Array | None) -> dict[str, Any]:
+def state(run: BenchRun, run_file: Run, bench: Turntable, angles: Array | None) -> dict[str, Any]:
     """Return how a run stands.
 
     Parameters
     ----------
     run : BenchRun
+    run_file : Run
+        Its own.
     bench : Turntable
     angles : (k,) array or None
         The table's, rad, at the time of the run's navigation.
@@ -85,6 +88,7 @@ def state(run: BenchRun, bench: Turntable, angles: Array | None) -> dict[str, An
             "no_angle": tally.no_angle,
             "temperature": number(run.account.temperature - ZERO_CELSIUS, 4),
         },
+        "live": _live(run, run_file),
         "attitude": _attitude(run, bench, angles),
     }
 
@@ -118,16 +122,30 @@ def _axis(axis: AxisState) -> dict[str, Any]:
     }
 
 
+def _live(run: BenchRun, run_file: Run) -> Literal["waits", "on", "ended", "none"]:
+    """Return how the live estimation stands; "none" where the method is not that of the filters."""
+    if run_file.method.name != METHOD.name:
+        return "none"
+    live = run.account.live
+    return "ended" if live is None else "on" if live.begun else "waits"
+
+
 def _attitude(run: BenchRun, bench: Turntable, angles: Array | None) -> dict[str, Any] | None:
-    at, live = run.account.navigation, run.account.live
-    if at is None or live is None or not live.begun or angles is None:
+    """Return the attitude by the table and beside it by the readings, as far as either is known."""
+    at, live, seen = run.account.navigation, run.account.live, run.state
+    if live is None or not live.begun:
+        at = None
+    if at is None and seen is not None and all(axis.homed for axis in seen.axes):
+        # No samples are needed for these, nor need they be of the same time as any.
+        angles = np.array([axis.angle for axis in seen.axes])
+    if angles is None:
         return None
     return {
         "table": numbers(reference(bench, angles[None, :])[0].ravel()),
-        "navigation": numbers(at.attitude.ravel()),
-        "roll": number(at.roll),
-        "pitch": number(at.pitch),
-        "heading": number(at.heading),
-        "apart": numbers(at.apart),
-        "velocity": numbers(at.velocity),
+        "navigation": None if at is None else numbers(at.attitude.ravel()),
+        "roll": None if at is None else number(at.roll),
+        "pitch": None if at is None else number(at.pitch),
+        "heading": None if at is None else number(at.heading),
+        "apart": None if at is None else numbers(at.apart),
+        "velocity": None if at is None else numbers(at.velocity),
     }
