@@ -116,8 +116,34 @@ def test_an_operator_who_stays_away_is_followed_by_another(
         page.operate("Ada")
     with served.page() as other:
         other.until("people", operator="Ada", viewers=1)
-        monkeypatch.setattr(people, "_GONE", 0.0)
+        monkeypatch.setattr(people, "GONE", 0.0)
         other.operate("Bob")
+
+
+def test_all_are_told_when_the_place_of_an_operator_who_stays_away_is_free(
+    served: Served, ada: Page, monkeypatch: pytest.MonkeyPatch
+):
+    for module in (people, hub):
+        monkeypatch.setattr(module, "GONE", 0.1)
+    with served.page() as other:
+        other.until("people", operator="Ada", viewers=2)
+        ada.close()
+        other.until("people", operator="Ada", viewers=1)
+        other.until("people", operator=None, viewers=1)
+
+
+def test_after_a_while_an_operators_browser_has_to_take_the_place_again(
+    served: Served, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(people, "GONE", 0.0)
+    cookies = served.viewer("of-this-browser")
+    with served.page(cookies=cookies) as page:
+        page.operate("Ada")
+    served.wait(lambda: not served.hub.people.viewers)
+    with served.page(cookies=cookies) as page:
+        page.until("people", yours=False)
+        assert served.ask("/api/probe", "POST", PROBE, as_header(cookies)).status == 403
+        page.operate("Bob")
 
 
 def test_any_viewer_may_stop_the_run(served: Served, ada: Page):
@@ -199,7 +225,7 @@ def test_a_stop_of_a_terminals_run_is_refused_and_hits_no_process_of_an_old_note
 
 
 def test_commands_of_the_operator_reach_the_run(served: Served, ada: Page):
-    ada.start(sensor="MIMU #17")
+    ada.start(sensor="  MIMU #17 ")
     assert (ada.heard[-1]["sensor"], ada.heard[-1]["by"]) == ("MIMU #17", "Ada")
     assert ada.heard[-1]["speed"] == 5.0
     ada.say("pause")

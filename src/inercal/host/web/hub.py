@@ -16,12 +16,13 @@ from inercal.host.web.choice import Choice, Chosen
 from inercal.host.web.going import Going
 from inercal.host.web.kept import Kept
 from inercal.host.web.order import NOTE, Order, noted
-from inercal.host.web.people import People, Viewer
+from inercal.host.web.people import GONE, People, Viewer
 from inercal.host.web.plans import Plans
 from inercal.host.web.runs import Runs, RunThere
 
 _NAME = 80  # characters of a sensor's name
 _ENDING = 15.0  # s that a process may take to end that has told its end
+_SURELY = 0.1  # s: a timer may be that early
 _COMMANDS = ("pause", "go on", "abort")
 _OF_OPERATOR = (*_COMMANDS, "start", "resume", "put away")
 POSSIBLE = ("operate", "leave", "stop", *_OF_OPERATOR)
@@ -84,9 +85,12 @@ class Hub:
         return viewer
 
     def go(self, viewer: Viewer) -> None:
-        """Let a viewer go."""
+        """Let a viewer go; an operator's place is nobody's after a while, and then all know it."""
+        operated = self.people.operates(viewer)
         self.people.go(viewer)
         self._tell_people()
+        if operated:
+            asyncio.get_running_loop().call_later(GONE + _SURELY, self._tell_people)
 
     async def do(self, viewer: Viewer, asked: Asked) -> None:
         """Do what a viewer asks.
@@ -208,7 +212,7 @@ class Hub:
         return Order(
             str(folder.absolute()),
             None if plan is None else str(plan.absolute()),
-            sensor,
+            None if sensor is None else sensor.strip(),
             self.people.operator or "",
             chosen.table,
             chosen.imu,

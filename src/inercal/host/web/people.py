@@ -7,7 +7,7 @@ from inercal.host.web.lanes import Lanes
 from inercal.host.web.publish import PICTURES
 
 MOST = 32  # viewers
-_GONE = 10.0  # s that an operator's place is kept
+GONE = 10.0  # s that an operator's place is kept
 _NAME = 40  # characters
 _LATEST = frozenset(("people", "beat"))  # kinds of which only the latest counts
 
@@ -63,18 +63,17 @@ class People:
 
     @property
     def operator(self) -> str | None:
-        """The name of who operates."""
-        return self._seat[0] if self._seat is not None else None
+        """The name of who operates, or may still be back."""
+        return self._kept[0] if self._kept is not None else None
 
     def come(self, browser: str | None) -> Viewer:
         """Take somebody in; an operator who was gone for a moment operates again."""
         self._count += 1
         viewer = Viewer(self._count, browser)
         self.viewers[viewer.number] = viewer
-        if self._seat is not None and self._seat[1] not in self.viewers:
-            name, _, was = self._seat
-            if was is not None and was == browser:
-                self._seat = name, viewer.number, browser
+        seat = self._kept
+        if seat is not None and seat[1] not in self.viewers and self.is_operators(browser):
+            self._seat = seat[0], viewer.number, browser
         return viewer
 
     def go(self, viewer: Viewer) -> None:
@@ -89,16 +88,15 @@ class People:
 
     def is_operators(self, browser: str | None) -> bool:
         """Tell whether a browser is that of the operator."""
-        return self._seat is not None and browser is not None and self._seat[2] == browser
+        return self._kept is not None and browser is not None and self._kept[2] == browser
 
     def take_seat(self, viewer: Viewer, name: object) -> str | None:
         """Let somebody operate; return in words why not."""
         # To the operator's browser at once: its last connection may be broken and not known to be.
         own = self.operates(viewer) or self.is_operators(viewer.browser)
-        if self._seat is not None and not own:
-            there = self._seat[1] in self.viewers
-            if there or monotonic() - self._gone < _GONE:
-                return f"{self._seat[0]} operates" + ("" if there else ", and may be back")
+        if self._kept is not None and not own:
+            there = self._kept[1] in self.viewers
+            return f"{self._kept[0]} operates" + ("" if there else ", and may be back")
         plain = " ".join(name.split()) if isinstance(name, str) else ""
         if not plain or len(plain) > _NAME or not plain.isprintable():
             return f"give a name of 1 to {_NAME} characters"
@@ -111,3 +109,10 @@ class People:
             return False
         self._seat = None
         return True
+
+    @property
+    def _kept(self) -> tuple[str, int, str | None] | None:
+        """The seat, unless who had it has been gone for too long."""
+        if self._seat is not None and self._seat[1] not in self.viewers:
+            return self._seat if monotonic() - self._gone < GONE else None
+        return self._seat
