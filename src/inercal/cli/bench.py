@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from inercal.cli import bench_devices, bench_serve
-from inercal.cli.bench_options import CLOCK, SPEED, TABLE, above_zero
+from inercal.cli.bench_options import CLOCK, PATIENCE, SPEED, TABLE, TEMPERATURE, above_zero
+from inercal.cli.bench_options import options as given
 
 if TYPE_CHECKING:
     from inercal.host.entering import Keeper
@@ -25,10 +26,8 @@ app = typer.Typer(
 _RunFile = Annotated[Path, typer.Argument(help="The run file (TOML): sensor, bench, data, method.")]
 _Clock = Annotated[str, typer.Option(help=CLOCK)]
 _Speed = Annotated[float | None, typer.Option(help=SPEED)]
-_Patience = Annotated[float, typer.Option(help="s that the IMU may be gone before the run ends.")]
-_Within = Annotated[
-    str, typer.Option("--temperature", help="°C that the IMU must stay within, as 15:40.")
-]
+_Patience = Annotated[float, typer.Option(help=PATIENCE)]
+_Within = Annotated[str, typer.Option("--temperature", help=TEMPERATURE)]
 _Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]
 _Register = Annotated[
     str | None,
@@ -58,7 +57,7 @@ def run(
     from inercal.host.folder import begin
     from inercal.runfile import read
 
-    options = _options(speed, patience, temperature)
+    options = given(speed, patience, temperature)
     plan = read(run_file)
     kept = _opened(register)
     folder = out or Path(f"{run_file.stem}-{datetime.now():%Y%m%d-%H%M%S}")
@@ -82,7 +81,7 @@ def resume(
     """Go on with a run that was interrupted: the step that was in hand is repeated whole."""
     from inercal.host.folder import resumed
 
-    options = _options(speed, patience, temperature)
+    options = given(speed, patience, temperature)
     kept = _opened(register)
     made, journal = resumed(folder, (table, imu, clock))
     with journal:
@@ -160,26 +159,6 @@ def _carried_out(
         print(f"go on by: inercal bench resume {folder.path}", file=sys.stderr)
         raise typer.Exit(1) from None
     return run.account.live
-
-
-def _options(speed: float | None, patience: float, temperature: str) -> "Options":
-    from inercal.errors import InputError
-    from inercal.host.run import Options
-    from inercal.units import ZERO_CELSIUS
-
-    within: tuple[float, float] | None = None
-    if temperature:
-        low, _, high = temperature.partition(":")
-        try:
-            within = float(low) + ZERO_CELSIUS, float(high) + ZERO_CELSIUS
-        except ValueError:
-            within = (1.0, 0.0)
-        if not within[0] < within[1]:
-            raise InputError(f"--temperature {temperature!r}; give lowest and highest °C, as 15:40")
-    for name, value in (("--speed", speed), ("--patience", patience)):
-        if value is not None:
-            above_zero(name, value)
-    return Options(speed, within, patience)
 
 
 @app.command()

@@ -1,10 +1,16 @@
 """What several verbs of `inercal bench` take."""
 
 from math import inf
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from inercal.host.run import Options
 
 TABLE = "pmac://HOST:1025?motors=1,2,3&counts=3600000, acutrol://…?axes=1,2,3 or motor:serial:…"
 CLOCK = "Of a simulated bench, as `simulate` says it."
 SPEED = "Most seconds of a simulated bench in one of the wall's."
+PATIENCE = "s that the IMU may be gone before the run ends."
+TEMPERATURE = "°C that the IMU must stay within, as 15:40."
 
 
 def above_zero(option: str, given: float | str, otherwise: str = "") -> float:
@@ -32,3 +38,30 @@ def above_zero(option: str, given: float | str, otherwise: str = "") -> float:
     if not 0 < value < inf:
         raise InputError(f"{option} {given}; give a number above 0{otherwise}")
     return value
+
+
+def options(speed: float | None, patience: float, temperature: str) -> "Options":
+    """Return what was given to `--speed`, `--patience` and `--temperature`.
+
+    Raises
+    ------
+    InputError
+        No number above 0, or no two temperatures of which the lower one comes first.
+    """
+    from inercal.errors import InputError
+    from inercal.host.run import Options
+    from inercal.units import ZERO_CELSIUS
+
+    within: tuple[float, float] | None = None
+    if temperature:
+        low, _, high = temperature.partition(":")
+        try:
+            within = float(low) + ZERO_CELSIUS, float(high) + ZERO_CELSIUS
+        except ValueError:
+            within = (1.0, 0.0)
+        if not within[0] < within[1]:
+            raise InputError(f"--temperature {temperature!r}; give lowest and highest °C, as 15:40")
+    for name, value in (("--speed", speed), ("--patience", patience)):
+        if value is not None:
+            above_zero(name, value)
+    return Options(speed, within, patience)

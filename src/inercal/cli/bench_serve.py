@@ -5,7 +5,8 @@ from typing import Annotated
 
 import typer
 
-from inercal.cli.bench_options import CLOCK, SPEED, above_zero
+from inercal.cli.bench_options import CLOCK, PATIENCE, SPEED, TEMPERATURE
+from inercal.cli.bench_options import options as given
 
 
 def serve(
@@ -18,6 +19,8 @@ def serve(
     imu: Annotated[str, typer.Option(help="An IMU to choose, as `run` takes it.")] = "",
     clock: Annotated[str, typer.Option(help=CLOCK)] = "",
     speed: Annotated[float | None, typer.Option(help=SPEED)] = None,
+    patience: Annotated[float, typer.Option(help=PATIENCE)] = 120.0,
+    temperature: Annotated[str, typer.Option(help=TEMPERATURE)] = "",
     host: Annotated[
         str, typer.Option(help="Address to listen at; another than this machine's needs a token.")
     ] = "127.0.0.1",
@@ -33,8 +36,7 @@ def serve(
     """
     from inercal.errors import InputError
 
-    if speed is not None:
-        above_zero("--speed", speed)
+    of_runs = given(speed, patience, temperature)
     if not 0 <= port < 65536:
         raise InputError(f"--port {port}; possible: 0 to 65535")
     try:
@@ -51,4 +53,4 @@ def serve(
         raise InputError(
             f"the live page needs {error.name}; install the extra: pip install 'inercal[host]'"
         ) from error
-    served(Options(plans, runs, register, table, imu, clock, speed, host, port, token))
+    served(Options(plans, runs, register, table, imu, clock, of_runs, host, port, token))

@@ -16,6 +16,7 @@ from typing import Any, Self
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
+from inercal.host.run import Options
 from inercal.host.web.access import Access
 from inercal.host.web.choice import Choice
 from inercal.host.web.going import Going
@@ -27,6 +28,7 @@ from inercal.host.web.runs import Runs
 from inercal.host.web.server import Server, listening, made
 
 PATIENCE = 20.0  # s
+HURRIED = Options(speed=5.0)
 COMPILING = 300.0  # s, the first time on a machine
 RUNNING = 120.0  # s
 SCRIPT = (sys.executable, str(Path(__file__).with_name("scripted_worker.py")))
@@ -151,6 +153,7 @@ class Served(AbstractContextManager["Served"]):
         token: str | None = None,
         start: Callable[[Order], Going] = scripted,
         table: str = "",
+        options: Options = HURRIED,
     ):
         self.refused: list[str] = []
         self.register = str(folder / "register.db")
@@ -158,7 +161,7 @@ class Served(AbstractContextManager["Served"]):
         (folder / "plans").mkdir(exist_ok=True)
         self.runs = Runs(folder / "runs")
         plans, choice = Plans(folder / "plans"), Choice(table)
-        self.hub = Hub(plans, self.runs, choice, self.register, 5.0, start)
+        self.hub = Hub(plans, self.runs, choice, self.register, options, start)
         self.socket = listening("127.0.0.1", 0)
         self.port: int = self.socket.getsockname()[1]
         self.host = f"127.0.0.1:{self.port}"

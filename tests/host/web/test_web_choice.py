@@ -3,6 +3,7 @@
 import logging
 import os
 import tomllib
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 
 from inercal.errors import InputError
 from inercal.host import devices
+from inercal.host.run import Options
 from inercal.host.web import choice
 from inercal.host.web.access import Access, is_loopback
 from inercal.host.web.choice import Choice, Chosen
@@ -152,7 +154,16 @@ def test_plans_that_are_none_are_listed_with_their_trouble(tmp_path: Path):
 def test_an_order_comes_through_as_it_was_given():
     order = Order("/runs/a", "/plans/p.toml", "MIMU", "Ada", "t", "i", "c", "fixed", 7, 2.0, "r")
     assert Order.of(order.line) == order
-    for line in ("", "{}", "[1]", '{"folder": "x", "burn": 1}'):
+    watched = replace(order, temperature=(288.15, 313.15), patience=30.0)
+    assert Order.of(watched.line) == watched
+    assert watched.options == Options(2.0, (288.15, 313.15), 30.0)
+    for line in (
+        "",
+        "{}",
+        "[1]",
+        '{"folder": "x", "burn": 1}',
+        '{"folder": "x", "temperature": 3}',
+    ):
         with pytest.raises(InputError, match="no order"):
             Order.of(line)
 

@@ -56,6 +56,17 @@ def test_a_new_run_whose_devices_are_not_there_is_not_begun(order: Order, publis
     assert not Path(order.folder).exists()
 
 
+def test_packets_without_a_temperature_are_refused_where_it_is_to_be_watched(
+    order: Order, publisher: Publisher
+):
+    order = replace(
+        order, imu=f"tcp://{NOBODY}?preset=novatel", temperature=(288.15, 313.15), patience=30.0
+    )
+    words = failed(order, publisher)
+    assert words == "packets of novatel carry no temperature that could be watched"
+    assert cut_short(order, words)["state"] == "not begun"
+
+
 def test_a_run_that_would_go_on_and_finds_no_devices_stays_interrupted(
     order: Order, publisher: Publisher
 ):

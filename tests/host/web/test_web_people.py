@@ -10,13 +10,14 @@ from pathlib import Path
 from threading import Event, Thread
 
 import pytest
-from tests.host.web.pages import PATIENCE, SIMULATED, Page, Served, as_header
+from tests.host.web.pages import PATIENCE, SIMULATED, Page, Served, as_header, scripted
 
 from inercal.host.folder import JOURNAL, LOG
 from inercal.host.journal import Journal
 from inercal.host.log import Log
+from inercal.host.run import Options
 from inercal.host.web import app, going, hub, people
-from inercal.host.web.order import NOTE, note
+from inercal.host.web.order import NOTE, Order, note
 from inercal.host.web.runs import RunThere
 
 
@@ -243,6 +244,22 @@ def test_commands_of_the_operator_reach_the_run(served: Served, ada: Page):
     ada.until("idle")
     ada.say("pause")
     assert "no run goes on" in ada.until("refused")["words"]
+
+
+def test_limits_that_the_server_was_given_are_those_of_each_run(tmp_path: Path):
+    orders: list[Order] = []
+
+    def start(order: Order) -> going.Going:
+        orders.append(order)
+        return scripted(order)
+
+    options = Options(None, (288.15, 313.15), 30.0)
+    with Served(tmp_path, start=start, options=options) as served, served.page() as page:
+        page.operate()
+        page.start()
+        page.say("abort")
+        page.until("done")
+    assert [order.options for order in orders] == [options]
 
 
 def test_who_comes_late_is_told_what_there_was_in_order(served: Served, ada: Page):

@@ -14,7 +14,7 @@ from inercal.host.folder import JOURNAL, POLL, Folder, begin, resumed
 from inercal.host.journal import Journal
 from inercal.host.live import Live
 from inercal.host.record import turntable_of
-from inercal.host.run import Addresses, BenchRun, Options
+from inercal.host.run import Addresses, BenchRun
 from inercal.host.simulated import POLL as SIMULATED_POLL
 from inercal.host.simulated import STARTING, started
 from inercal.host.web import pictures, simulating
@@ -137,7 +137,7 @@ class Carrying:
             self._control.attach(run)
             return self._beside
 
-        options, meanwhile = Options(self._order.speed), ending.keeper.meanwhile
+        options, meanwhile = self._order.options, ending.keeper.meanwhile
         run = carried_out(made, journal, options, show, EVERY, beside, meanwhile)
         return run.account.live
 

@@ -11,6 +11,7 @@ from zlib import crc32
 
 from inercal.errors import InputError
 from inercal.host.log import driven
+from inercal.host.run import ORDINARY, Options
 from inercal.host.web.asked import Asked
 from inercal.host.web.choice import Choice, Chosen
 from inercal.host.web.going import Going
@@ -38,8 +39,8 @@ class Hub:
     choice : Choice
     register : str or None
         Address.
-    speed : float or None
-        Most seconds of a simulated bench in one of the wall's.
+    options : Options
+        Of each run.
     start : callable, optional
         Makes an order a run that goes on.
 
@@ -55,13 +56,13 @@ class Hub:
         runs: Runs,
         choice: Choice,
         register: str | None = None,
-        speed: float | None = None,
+        options: Options = ORDINARY,
         start: Callable[[Order], Going] = Going,
     ):
         self.probing = asyncio.Lock()
         self.plans, self.runs, self.choice = plans, runs, choice
         self.people = People()
-        self._register, self._speed, self._start = register, speed, start
+        self._register, self._options, self._start = register, options, start
         self.going: Going | None = None
         self._has_told_its_end = False
         self._kept: Kept | None = None
@@ -219,8 +220,10 @@ class Hub:
             chosen.clock,
             chosen.simulated,
             crc32(folder.name.encode()),  # another bench for another run
-            self._speed,
+            self._options.speed,
             self._register,
+            self._options.temperature,
+            self._options.patience,
         )
 
     def _go(self, order: Order) -> None:

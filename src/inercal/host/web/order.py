@@ -3,7 +3,7 @@
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,6 +12,7 @@ import tomlkit
 from inercal.errors import InputError
 from inercal.host.folder import JOURNAL, LOG
 from inercal.host.log import driven, lock
+from inercal.host.run import ORDINARY, Options
 
 NOTE = "run.page.json"
 
@@ -40,6 +41,10 @@ class Order:
         Most seconds of a simulated bench in one of the wall's.
     register : str or None
         Its address.
+    temperature : (float, float) or None
+        K that the IMU must stay within.
+    patience : float
+        s that the IMU may be gone before the run ends.
     """
 
     folder: str
@@ -53,6 +58,8 @@ class Order:
     seed: int = 0
     speed: float | None = None
     register: str | None = None
+    temperature: tuple[float, float] | None = None
+    patience: float = ORDINARY.patience
 
     @property
     def line(self) -> str:
@@ -69,7 +76,11 @@ class Order:
             It is no order.
         """
         try:
-            return cls(**json.loads(line))
+            made = cls(**json.loads(line))
+            if made.temperature is None:
+                return made
+            low, high = made.temperature  # JSON has lists alone
+            return replace(made, temperature=(low, high))
         except (TypeError, ValueError):
             raise InputError(f"{line[:80]!r} is no order for a run") from None
 
@@ -77,6 +88,11 @@ class Order:
     def name(self) -> str:
         """What the run is called: its folder's name."""
         return Path(self.folder).name
+
+    @property
+    def options(self) -> Options:
+        """What is said of the run."""
+        return Options(self.speed, self.temperature, self.patience)
 
     @property
     def can_go_on(self) -> bool:

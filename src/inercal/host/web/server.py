@@ -18,6 +18,8 @@ from urllib.parse import quote
 import uvicorn
 
 from inercal.errors import InercalError, InputError
+from inercal.host.run import ORDINARY
+from inercal.host.run import Options as OfRuns
 from inercal.host.web.access import Access, is_loopback
 from inercal.host.web.app import application
 from inercal.host.web.choice import Choice
@@ -46,8 +48,8 @@ class Options:
         Address of the register.
     table, imu, clock : str
         Addresses of devices to choose beside those that are found.
-    speed : float or None
-        Most seconds of a simulated bench in one of the wall's.
+    of_runs : inercal.host.run.Options
+        Of each run.
     host : str
     port : int
         0 is any that is free.
@@ -61,7 +63,7 @@ class Options:
     table: str = ""
     imu: str = ""
     clock: str = ""
-    speed: float | None = None
+    of_runs: OfRuns = ORDINARY
     host: str = "127.0.0.1"
     port: int = 8765
     token: str | None = None
@@ -122,7 +124,7 @@ def serve(options: Options) -> None:
         names = {options.host, "localhost", "127.0.0.1", "[::1]"} if token is None else set[str]()
         access = Access(hosts(names, port), token)
         choice = Choice(options.table, options.imu, options.clock)
-        hub = Hub(Plans(options.plans), runs, choice, options.register, options.speed)
+        hub = Hub(Plans(options.plans), runs, choice, options.register, options.of_runs)
         server = made(hub, options.register, access, refused)
         host = socket.gethostname() if options.host in _ANY else _bracketed(options.host)
         say(
