@@ -131,8 +131,7 @@ def serve(options: Options) -> None:
             "a stop on this page is done by programs and is no safety function: that is the "
             "hardware interlock"
         )
-        query = "" if token is None else f"?token={quote(token, safe='')}"
-        print(f"the page is at http://{host}:{port}/{query}", flush=True)
+        print(_where(f"http://{host}:{port}/", options.token, token), flush=True)
         asyncio.run(server.serve(sockets=[opened]))
 
 
@@ -189,6 +188,16 @@ def hosts(names: Iterable[str], port: int) -> frozenset[str]:
 def say(words: str) -> None:
     """Say something to who has started the server."""
     print(f"inercal: {words}", file=sys.stderr, flush=True)
+
+
+def _where(address: str, given: str | None, token: str | None) -> str:
+    """Say where the page is: with a token that was made here, and else nobody could know."""
+    if token is None:
+        return f"the page is at {address}"
+    if given is None:
+        return f"the page is at {address}?token={quote(token, safe='')}"
+    # A log or a screen is no place for a token that may be another server's too.
+    return f"the page is at {address} and asks for the token that you gave"
 
 
 def _runs(options: Options) -> Runs:
