@@ -25,6 +25,8 @@ POLICY = (
     "object-src 'none'"
 )
 _ASKS = """<!doctype html><html lang="en"><meta charset="utf-8"><title>inercal</title>
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta name="color-scheme" content="light dark">
 <h1>inercal</h1><p>{words}</p>
 <form method="post" action="/token"><label>Token <input name="token" type="password" autofocus
 autocomplete="current-password"></label> <button>Open the page</button></form></html>
