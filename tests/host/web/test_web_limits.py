@@ -2,14 +2,19 @@
 
 import socket
 import struct
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from pathlib import Path
+from threading import Event
 
 import pytest
-from tests.host.web.pages import Page, Served, sockets, unharmed
+from tests.host.web.pages import PATIENCE, Page, Served, sockets, unharmed
+from tests.store.generator import ten
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from inercal.host.web.connections import MOST as CONNECTIONS
 from inercal.host.web.people import MOST as VIEWERS
+from inercal.store import History, Register
 
 HUGE = 100_000_000  # bytes
 
@@ -133,6 +138,49 @@ def test_frames_that_are_none_end_the_connection(served: Served, watched: Page):
                 while connection.recv(65536):
                     pass
     served.wait(lambda: len(served.hub.people.viewers) == 1)
+
+
+def test_histories_that_hang_keep_nobody_else_waiting_and_few_of_them_wait(
+    served: Served, monkeypatch: pytest.MonkeyPatch
+):
+    drawn, go_on = Event(), Event()
+
+    def history(*_: object) -> str:
+        drawn.set()
+        assert go_on.wait(PATIENCE)
+        return "history"
+
+    monkeypatch.setattr("inercal.host.web.app.Page._history", history)
+    with ThreadPoolExecutor(9) as pool:
+        try:
+            asked = [pool.submit(served.ask, "/history/1") for _ in range(9)]
+            assert drawn.wait(PATIENCE)
+            served.was_refused("history: 4 wait to be drawn")
+            assert served.ask("/api/setup").status == 200
+            served.wait(lambda: sum(one.done() for one in asked) == 4)
+        finally:
+            go_on.set()
+        assert sorted(one.result().status for one in asked) == [200] * 5 + [429] * 4
+    assert served.ask("/history/1").status == 200
+
+
+def test_a_history_is_drawn_again_only_where_the_register_holds_something_else(
+    served: Served, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    drawn: list[int] = []
+
+    def page(history: History) -> str:
+        drawn.append(len(history.entries))
+        return f"of {len(history.entries)}"
+
+    monkeypatch.setattr("inercal.report.history_page", page)
+    calibrations = ten(tmp_path)
+    for count, asked in ((3, 3), (4, 2)):
+        with Register(served.register) as register:
+            register.enter_calibrations(calibrations[:count])
+        said = {served.ask("/history/1").body.decode() for _ in range(asked)}
+        assert said == {f"of {count}"}
+    assert drawn == [3, 4]
 
 
 def test_what_is_refused_is_said_on_one_line_each_and_not_too_often(served: Served, watched: Page):

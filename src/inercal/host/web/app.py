@@ -28,6 +28,7 @@ from inercal.host.web.refused import Refused
 
 _A_SECOND = 20  # messages of a viewer
 _BEAT = 2.0  # s
+_WAITING = 4  # histories that are asked for while one is drawn
 _KINDS = {
     "html": "text/html; charset=utf-8",
     "js": "text/javascript; charset=utf-8",
@@ -57,7 +58,9 @@ class Page:
         self._hub, self._register, self._refused = hub, register, refused
         self._version = version("inercal")
         self._files = dict(_static(files("inercal.host.web").joinpath("static")))
-        self._looking = asyncio.Lock()
+        self._looking, self._drawing = asyncio.Lock(), asyncio.Lock()
+        self._histories = 0  # that are drawn or wait for it
+        self._drawn: tuple[object, str] = None, ""
 
     def routes(self) -> list[Route | WebSocketRoute]:
         """Return what is served."""
@@ -137,12 +140,19 @@ class Page:
         # No register has a number of more digits, and not every database takes one.
         if not (named.isascii() and named.isdigit() and len(named) < 10):
             return await self.unknown(request)
+        if self._histories > _WAITING:
+            who = request.client.host if request.client else "somebody"
+            self._refused(who, f"history: {_WAITING} wait to be drawn")
+            return PlainTextResponse("too many histories are asked for; wait a moment\n", 429)
+        self._histories += 1
         try:
             # One at a time: figures are drawn with settings of the whole process.
-            async with self._looking:
+            async with self._drawing:
                 content = await asyncio.to_thread(self._history, int(named))
         except InercalError as error:
             return PlainTextResponse(f"{error}\n", 404)
+        finally:
+            self._histories -= 1
         return HTMLResponse(content, headers={"content-security-policy": _ALONE})
 
     async def unknown(self, request: Request, error: Exception | None = None) -> Response:
@@ -229,7 +239,12 @@ class Page:
         from inercal.store import Register
 
         with Register(self._register) as register:
-            return history_page(register.history(sensor))
+            history = register.history(sensor)
+        # Figures take seconds to draw, and between two runs all look at the same ones.
+        shows = history.sensor, history.entries, history.left_out
+        if self._drawn[0] != shows:
+            self._drawn = shows, history_page(history)
+        return self._drawn[1]
 
 
 def application(hub: Hub, register: str | None, access: Access, refused: Refused) -> Gate:
