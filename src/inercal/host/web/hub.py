@@ -4,6 +4,7 @@ import asyncio
 import json
 import signal
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from datetime import datetime
 from os import kill
 from pathlib import Path
@@ -62,6 +63,7 @@ class Hub:
         self.probing = asyncio.Lock()
         self.plans, self.runs, self.choice = plans, runs, choice
         self.people = People()
+        self._stopping = ThreadPoolExecutor(1, "stop")
         self._register, self._options, self._start = register, options, start
         self.going: Going | None = None
         self._has_told_its_end = False
@@ -139,8 +141,10 @@ class Hub:
         if self.going is not None and name in (None, self.going.order.name):
             self.going.stop()
             return
-        # All journals are opened to find it: meanwhile the loop hears others, their stop too.
-        await asyncio.to_thread(self._stop_elsewhere, name)
+        # All journals are opened to find it: meanwhile the loop hears others, their stop too. The
+        # thread is its own: others may wait for a register.
+        loop = asyncio.get_running_loop()
+        await loop.run_in_executor(self._stopping, self._stop_elsewhere, name)
 
     async def none_goes_on(self) -> Mapping[str, RunThere]:
         """Return the runs there are.
