@@ -179,6 +179,22 @@ def test_an_alarm_stays_until_this_viewer_has_acknowledged_it(page: Page, script
     expect(alarm).to_have_count(0)
 
 
+def test_what_is_grave_stays_in_sight_where_the_page_is_scrolled(page: Page, scripted: Scripted):
+    page.set_viewport_size({"width": 768, "height": 1024})
+    running(page, scripted)
+    page.evaluate("scrollTo(0, document.body.scrollHeight)")
+    assert page.evaluate("scrollY") > 200
+    scripted.tell(messages.event(100.5, "axis inner: amplifier fault", "alarm"))
+    alarm = page.get_by_role("alert").filter(has_text="axis inner: amplifier fault")
+    expect(alarm).to_be_in_viewport(ratio=1)
+    scripted.tell(messages.state(101.0, trouble="the watchdog is not heard"))
+    expect(page.get_by_text("the watchdog is not heard")).to_be_in_viewport(ratio=1)
+    scripted.tell(*(messages.event(101.0 + k, f"fault {k}", "alarm") for k in range(9)))
+    expect(alarm).to_contain_text("fault 8")
+    assert page.evaluate("document.querySelector('header').offsetHeight < 0.6 * innerHeight")
+    expect(page.get_by_role("button", name="STOP", exact=True)).to_be_in_viewport(ratio=1)
+
+
 @pytest.mark.slow
 def test_an_alarm_that_is_said_again_is_one_line(page: Page, scripted: Scripted):
     running(page, scripted)
