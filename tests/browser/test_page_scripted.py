@@ -155,6 +155,53 @@ def test_a_lost_connection_is_said_and_comes_back_by_itself(
 
 
 @pytest.mark.slow
+def test_a_connection_that_broke_without_a_word_is_noticed_though_no_run_goes_on(
+    page: Page, scripted: Scripted
+):
+    opened(page, scripted)
+    page.get_by_label("Name").first.fill("Ada")
+    page.get_by_role("button", name="Take control").click()
+    expect(page.get_by_text("you operate (Ada)")).to_be_visible()
+    page.wait_for_timeout(6000)  # longer than a connection without a beat may be
+    expect(page.get_by_text("connected", exact=True)).to_be_visible()
+    scripted.mute = True
+    quiet = page.get_by_role("alert").filter(has_text="No word from the server for 5 s")
+    expect(quiet).to_contain_text("STOP of this page may not reach the table")
+    page.get_by_role("button", name="Start the run").click()
+    expect(page.get_by_text("What is shown is old: nothing was sent.")).to_be_visible()
+    page.get_by_role("button", name="STOP", exact=True).click()
+    expect(page.get_by_text("it may NOT have arrived")).to_be_visible()
+    scripted.mute = False
+    expect(quiet).to_have_count(0)
+    assert [one["do"] for one in scripted.heard] == ["operate", "stop"]
+
+
+@pytest.mark.slow
+def test_a_connection_without_a_word_is_given_up_and_made_anew(page: Page, scripted: Scripted):
+    opened(page, scripted)
+    scripted.mute = True
+    expect(page.get_by_text("No word from the server")).to_be_visible()
+    scripted.says = [messages.plan(), messages.state(100.0)]
+    # A new connection tells what there is: that is a word.
+    expect(page.get_by_role("heading", name="MIMU #17")).to_be_visible()
+
+
+@pytest.mark.slow
+def test_an_attempt_that_hangs_is_given_up(page: Page, scripted: Scripted, watched: Watched):
+    opened(page, scripted)
+    scripted.hangs = True
+    scripted.drop()
+    expect(page.get_by_text("Connection lost")).to_be_visible()
+    for _ in range(2):  # the second comes after one that was neither taken nor refused
+        with page.expect_websocket():
+            pass
+    scripted.hangs = False
+    expect(page.get_by_text("connected", exact=True)).to_be_visible()
+    # A browser says each attempt that was given up.
+    watched.errors[:] = [one for one in watched.errors if "/live" not in one]
+
+
+@pytest.mark.slow
 def test_silence_of_the_bench_is_said(page: Page, scripted: Scripted):
     running(page, scripted)
     expect(page.get_by_text("No news from the bench for")).to_be_visible()

@@ -2,7 +2,7 @@
 
 import { byId, put } from "./dom.js";
 import { clock, fixed } from "./format.js";
-import { age, going, seen } from "./live.js";
+import { age, going, quiet, seen } from "./live.js";
 
 const PHASES = {
   enable: "switching the servos on",
@@ -20,6 +20,7 @@ const LINKS = {
   connecting: "connecting …",
   live: "connected",
   silent: "no news",
+  quiet: "no word",
   lost: "not connected",
 };
 
@@ -62,12 +63,17 @@ export function makeHeader() {
     const { link: now } = seen;
     link.dataset.link = now;
     put(link, LINKS[now]);
-    document.body.classList.toggle("old", now === "lost" || (now === "silent" && going()));
+    const old = ["lost", "quiet"].includes(now) || (now === "silent" && going());
+    document.body.classList.toggle("old", old);
     if (now === "lost") {
       put(lost, "Connection lost. What is shown is old, and STOP of this page cannot reach the "
         + "table: use the emergency stop. Trying again …");
+    } else if (now === "quiet") {
+      put(lost, `No word from the server for ${fives(quiet())} s or more: the connection may be `
+        + "broken. What is shown is old, and STOP of this page may not reach the table: use the "
+        + "emergency stop.");
     } else if (now === "silent" && going()) {
-      const seconds = Math.round(age() / 5) * 5 || 2;
+      const seconds = fives(age()) || 2;
       put(lost, `No news from the bench for ${seconds} s or more. What is shown is old.`);
     } else put(lost, "");
   }
@@ -77,6 +83,9 @@ export function makeHeader() {
     plan, idle, phase: show, state: show, done: show, link: connection,
   };
 }
+
+/** Read aloud each time that it differs: in steps of 5 s, of those that have gone. */
+const fives = (seconds) => Math.floor(seconds / 5) * 5;
 
 function words() {
   const { state, done } = seen;

@@ -2,7 +2,7 @@
 
 import { byId, close, open, put } from "./dom.js";
 import { say, seen } from "./live.js";
-import { notice } from "./notice.js";
+import { notice, unsent } from "./notice.js";
 
 const NAME = "inercal.name";
 const OPERATES = "inercal.operates"; // of this tab: it takes control again when it is loaded anew
@@ -46,6 +46,7 @@ export function makePeople() {
   /** Do something as operator: take control first where nobody else has it. */
   function whenOperating(what) {
     if (seen.people.yours) return what?.();
+    if (what && seen.link !== "live") return notice(unsent()); // it would be done when it is, later
     then = what;
     if (name.value.trim()) return ask();
     if (document.body.dataset.view === "setup") {
@@ -60,7 +61,7 @@ export function makePeople() {
   function ask() {
     if (say({ do: "operate", name: name.value.trim() })) return;
     then = null;
-    notice("Not connected: nothing was sent.");
+    notice(unsent());
   }
 
   /** A page that was loaded anew, or whose connection broke, asks for the control that it had. */
@@ -98,7 +99,7 @@ export function makePeople() {
     people,
     refused: () => (then = null),
     link: ({ link }) => {
-      if (link === "lost") then = null;
+      if (link !== "live") then = null;
     },
   };
 }
