@@ -202,6 +202,41 @@ def test_an_attempt_that_hangs_is_given_up(page: Page, scripted: Scripted, watch
 
 
 @pytest.mark.slow
+def test_control_that_somebody_else_has_taken_is_not_taken_back(
+    page: Page, scripted: Scripted, watched: Watched
+):
+    running(page, scripted)
+    operating(page, scripted)
+    scripted.away = True
+    scripted.drop()
+    expect(page.get_by_text("Connection lost")).to_be_visible()
+    scripted.operator = "Grace"
+    scripted.away = False
+    expect(page.get_by_text("Grace operates · 1 viewer")).to_be_visible()
+    scripted.operator = None
+    scripted.heard.clear()
+    scripted.people()
+    expect(page.get_by_text("nobody operates")).to_be_visible()
+    scripted.drop()
+    expect(page.get_by_text("Connection lost")).to_be_visible()
+    expect(page.get_by_text("connected", exact=True)).to_be_visible()
+    page.wait_for_timeout(1000)  # it would ask at once
+    assert not scripted.heard
+    watched.errors[:] = [one for one in watched.errors if "/live" not in one]
+
+
+def test_a_browser_that_keeps_nothing_keeps_no_hand_from_stop(page: Page, scripted: Scripted):
+    for name in ("localStorage", "sessionStorage"):
+        blocked = f"""Object.defineProperty(window, "{name}",
+            {{ get() {{ throw new DOMException("blocked", "SecurityError"); }} }})"""
+        page.add_init_script(blocked)
+    running(page, scripted)
+    operating(page, scripted)
+    page.get_by_role("button", name="STOP", exact=True).click()
+    scripted.order("stop")
+
+
+@pytest.mark.slow
 def test_silence_of_the_bench_is_said(page: Page, scripted: Scripted):
     running(page, scripted)
     expect(page.get_by_text("No news from the bench for")).to_be_visible()
