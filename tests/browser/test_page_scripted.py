@@ -236,6 +236,31 @@ def test_a_browser_that_keeps_nothing_keeps_no_hand_from_stop(page: Page, script
     scripted.order("stop")
 
 
+def test_a_part_that_fails_is_said_and_silences_no_other(
+    page: Page, scripted: Scripted, watched: Watched
+):
+    gone = "Object.defineProperty(window, 'uPlot', {get() { throw new Error('gone'); }, set() {}})"
+    page.add_init_script(gone)
+    running(page, scripted)
+    expect(page.get_by_text("Of this page does not work: charts, estimates (gone).")).to_be_visible()
+    expect(page.get_by_text("2 of 31 done, 22:01 to go")).to_be_visible()
+    expect(page.locator("#imu-facts")).to_contain_text("20000")
+    page.get_by_role("button", name="STOP", exact=True).click()
+    scripted.order("stop")
+    assert all("gone" in one for one in watched.errors)
+    watched.errors.clear()
+
+
+def test_a_run_cannot_be_aborted_any_more_while_results_are_made(page: Page, scripted: Scripted):
+    running(page, scripted)
+    operating(page, scripted)
+    scripted.tell(messages.state(messages.SECONDS))
+    abort = page.get_by_role("button", name="Abort")
+    expect(abort).to_be_disabled()
+    abort.click(force=True)
+    expect(page.get_by_text("the table is at rest, results are being made")).to_be_visible()
+
+
 @pytest.mark.slow
 def test_silence_of_the_bench_is_said(page: Page, scripted: Scripted):
     running(page, scripted)
@@ -323,6 +348,38 @@ def test_an_interrupted_run_can_be_resumed_where_it_ended(page: Page, scripted: 
     expect(page.get_by_role("heading", name="The run was interrupted")).to_be_hidden()
 
 
+def test_a_run_that_did_not_begin_says_so_and_offers_nothing_to_resume(
+    page: Page, scripted: Scripted
+):
+    opened(page, scripted, {"kind": "phase", "run": "r", "words": "asking the devices"})
+    expect(page.get_by_text("asking the devices …")).to_be_visible()
+    none = dict.fromkeys(("report", "calibration", "history", "verdict"))
+    words = "the table does not answer at pmac://10.0.0.5:1025"
+    scripted.tell({"kind": "done", "run": "r", "state": "not begun", "words": words, **none})
+    expect(page.get_by_role("heading", name="The run did not begin")).to_be_in_viewport()
+    expect(page.locator("#done-words")).to_have_text(words)
+    expect(page.get_by_role("button", name="Resume this run")).to_be_hidden()
+    expect(page.get_by_role("button", name="Set up another run")).to_be_visible()
+
+
+@pytest.mark.slow
+def test_the_focus_goes_to_the_title_of_what_is_shown_anew(page: Page, scripted: Scripted):
+    opened(page, scripted)
+    page.get_by_label("Name").first.fill("Ada")
+    page.get_by_role("button", name="Start the run").click()
+    scripted.order("start")
+    scripted.tell(messages.plan(), messages.state(1.0))
+    expect(page.get_by_role("heading", name="MIMU #17")).to_be_focused()
+    page.evaluate("scrollTo(0, document.body.scrollHeight)")
+    scripted.tell(messages.done())
+    expect(page.get_by_role("heading", name="The run is done")).to_be_in_viewport(ratio=1)
+    end = page.locator("#verdict").bounding_box()
+    header = page.locator("header").bounding_box()
+    assert end is not None and header is not None
+    assert end["y"] >= header["y"] + header["height"]
+    expect(page.locator("#said")).to_contain_text("The run is done. All is as stated")
+
+
 @pytest.mark.slow
 def test_a_run_that_ends_before_it_has_a_plan_says_why(page: Page, scripted: Scripted):
     opened(page, scripted, {"kind": "phase", "run": "r", "words": "asking the devices"})
@@ -331,4 +388,4 @@ def test_a_run_that_ends_before_it_has_a_plan_says_why(page: Page, scripted: Scr
     scripted.tell(
         {"kind": "done", "run": "r", "state": "interrupted", "words": "nobody is there", **none}
     )
-    expect(page.get_by_text("nobody is there")).to_be_visible()
+    expect(page.get_by_text("nobody is there", exact=True)).to_be_visible()
