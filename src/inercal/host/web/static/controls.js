@@ -60,7 +60,10 @@ export function makeControls() {
   /** Which of them can do something now, and why not. */
   function show() {
     const paused = Boolean(seen.state?.paused) || seen.state?.phase === "paused";
+    const phase = seen.phase ? "" : seen.state?.phase;
     const why = !going() ? "no run goes on"
+      : phase === "done" ? "the table is at rest, results are being made"
+      : phase === "aborted" ? "the run is ending already"
       : seen.link === "lost" ? "not connected"
       : !seen.people.yours ? "only who operates may: take control first" : "";
     const begun = seen.state !== null && !seen.phase;

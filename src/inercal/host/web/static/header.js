@@ -25,8 +25,14 @@ const LINKS = {
 };
 
 export function makeHeader() {
+  const header = document.querySelector("header");
   const [over, sensor, phase, time] = ["over", "sensor", "phase", "clock"].map(byId);
   const [link, lost, trouble, progress] = ["link", "lost", "trouble", "progress"].map(byId);
+
+  // What the focus moves to is not scrolled to a place behind the header, whose height changes.
+  new ResizeObserver(() => {
+    document.documentElement.style.setProperty("--header", `${header.offsetHeight}px`);
+  }).observe(header);
 
   function plan(message) {
     put(over, `${message.plan} · ${message.simulated ? "SIMULATED bench" : "real bench"}`);
