@@ -29,6 +29,47 @@ def test_a_run_is_shown_with_its_numbers_and_units(page: Page, scripted: Scripte
     expect(page.locator("#attitude-numbers")).to_contain_text("strapdown matrix")
 
 
+def test_before_the_filters_begin_the_tables_attitude_is_shown(page: Page, scripted: Scripted):
+    running(page, scripted, time=12.0)
+    expect(page.get_by_text("The filters begin after 20 s of rest.")).to_be_visible()
+    expect(page.get_by_text("The navigation is shown once the filters")).to_be_visible()
+    heading = page.locator("#attitude-numbers").get_by_role("row", name="heading")
+    expect(heading).to_have_text(re.compile(r"^heading\d+\.\d{3}—$"))
+
+
+def test_what_was_found_last_is_greyed_where_live_estimation_broke_off(
+    page: Page, scripted: Scripted
+):
+    running(page, scripted)
+    none = dict.fromkeys(messages.NAVIGATED)
+    broken = {"live": "ended", "attitude": {"table": messages.matrix(101.0), **none}}
+    scripted.tell(messages.state(101.0, **broken))
+    expect(page.get_by_text(re.compile("^Live estimation broke off: in grey"))).to_be_visible()
+    expect(page.get_by_text("What it found last is shown in grey.")).to_be_visible()
+    cell = page.locator("#attitude-numbers").get_by_role("row", name="roll").locator(".navigated")
+    expect(cell).to_have_text("1.234")
+    found = page.get_by_role("button", name=re.compile(r"^ax\.k0: [−\d.]+ ± "))
+    muted = page.evaluate(
+        """() => { const probe = document.createElement("p"); probe.style.color = "var(--muted)";
+        document.body.append(probe); return getComputedStyle(probe).color; }"""
+    )
+    for one in (cell, found):
+        expect(one).to_have_css("color", muted)
+
+
+def test_a_method_without_live_estimates_promises_none(page: Page, scripted: Scripted):
+    none = dict.fromkeys(messages.NAVIGATED)
+    only = {"live": "none", "attitude": {"table": messages.matrix(30.0), **none}}
+    opened(page, scripted, messages.plan(), messages.state(30.0, **only))
+    expect(page.get_by_text("By this method nothing is estimated live")).to_be_visible()
+    expect(page.get_by_text("only the table's attitude is shown")).to_be_visible()
+    expect(page.get_by_text("The filters begin after")).to_have_count(0)
+    expect(page.get_by_role("img", name="Attitude by the table")).to_be_visible()
+    expect(page.get_by_role("img", name="Attitude by the IMU's readings")).to_be_hidden()
+    expect(page.get_by_text("strapdown matrix")).to_be_hidden()
+    expect(page.locator("#course")).to_be_hidden()
+
+
 def test_the_arrows_choose_the_coefficient_whose_course_is_shown(page: Page, scripted: Scripted):
     running(page, scripted)
     tabbed_to(page, "ax.k0:")
