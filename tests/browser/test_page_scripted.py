@@ -283,7 +283,9 @@ def test_a_part_that_fails_is_said_and_silences_no_other(
     gone = "Object.defineProperty(window, 'uPlot', {get() { throw new Error('gone'); }, set() {}})"
     page.add_init_script(gone)
     running(page, scripted)
-    expect(page.get_by_text("Of this page does not work: charts, estimates (gone).")).to_be_visible()
+    expect(
+        page.get_by_text("Of this page does not work: charts, estimates (gone).")
+    ).to_be_visible()
     expect(page.get_by_text("2 of 31 done, 22:01 to go")).to_be_visible()
     expect(page.locator("#imu-facts")).to_contain_text("20000")
     page.get_by_role("button", name="STOP", exact=True).click()
@@ -416,7 +418,8 @@ def test_the_focus_goes_to_the_title_of_what_is_shown_anew(page: Page, scripted:
     expect(page.get_by_role("heading", name="The run is done")).to_be_in_viewport(ratio=1)
     end = page.locator("#verdict").bounding_box()
     header = page.locator("header").bounding_box()
-    assert end is not None and header is not None
+    assert end is not None
+    assert header is not None
     assert end["y"] >= header["y"] + header["height"]
     expect(page.locator("#said")).to_contain_text("The run is done. All is as stated")
 
