@@ -54,9 +54,9 @@ export function makeAttitude(theme) {
   }
 
   function state({ attitude, live }) {
+    if (attitude?.navigation) found = attitude;
     explain(live);
     if (!attitude) return;
-    if (attitude.navigation) found = attitude;
     // What was found last stays, greyed, where the navigation broke off.
     const both = live === "ended" && found ? { ...found, table: attitude.table } : attitude;
     for (const view of views) {

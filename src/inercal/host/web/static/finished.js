@@ -47,7 +47,7 @@ export function makeFinished(people) {
     told = end;
     put(byId("said"), [TITLES[state] ?? state, verdict?.words, message.words].filter(Boolean)
       .join(". "));
-    section.scrollIntoView({ block: "start" });
+    section.scrollIntoView({ block: "nearest" });
   }
 
   function hide() {

@@ -62,7 +62,7 @@ export function makeHeader() {
     progress.value = seen.done?.state === "done" ? 1 : gone / Math.max(gone + left, 1e-9);
     const fast = state.speed > 1.5 ? ` · ${fixed(state.speed, 0)} × real time` : "";
     put(time, `${clock(gone)} gone${seen.done ? "" : `, ${clock(left)} to go${fast}`}`);
-    put(trouble, state.trouble && !seen.done ? state.trouble : "");
+    put(trouble, state.trouble && !seen.done ? `▲ ${state.trouble}` : "");
   }
 
   function connection() {

@@ -98,7 +98,7 @@ export function makeSetup(people) {
     byId("imu-typed").hidden = imu.value !== TYPED;
     byId("table-baud").hidden = !isPort(table);
     byId("imu-preset").hidden = byId("imu-baud").hidden = !isPort(imu);
-    put(byId("summary"), plan ? `${name}: ${plan.file}, ${plan.steps} steps, about `
+    put(byId("summary"), plan ? `${name ? `${name}: ` : ""}${plan.file}, ${plan.steps} steps, about `
       + `${lasting(plan.seconds)}, method ${plan.method}.` : "");
     const why = plan ? unclear() : "no plan is chosen";
     allow(probe, !why, why);
