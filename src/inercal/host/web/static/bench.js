@@ -9,7 +9,7 @@ const COUNTS = [
   ["failed", "packets with wrong checks, thrown away"],
   ["thrown", "bytes thrown away between packets"],
   ["samples", "samples with an angle"],
-  ["no_angle", "samples without an angle, left out: the table was read too seldom as it turned"],
+  ["no_angle", "samples without an angle: the table was read too seldom"],
 ];
 const GRAVE = new Set(["lost", "failed", "no_angle"]);
 
