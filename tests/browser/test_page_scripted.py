@@ -300,6 +300,9 @@ def test_a_run_cannot_be_aborted_any_more_while_results_are_made(page: Page, scr
     scripted.tell(messages.state(messages.SECONDS))
     abort = page.get_by_role("button", name="Abort")
     expect(abort).to_be_disabled()
+    scripted.tell({"kind": "phase", "run": "r", "words": "finishing: recording, report"})
+    expect(page.get_by_text("finishing: recording, report")).to_be_visible()
+    expect(abort).to_be_disabled()
     abort.click(force=True)
     expect(page.get_by_text("the table is at rest, results are being made")).to_be_visible()
 

@@ -60,7 +60,7 @@ export function makeControls() {
   /** Which of them can do something now, and why not. */
   function show() {
     const paused = Boolean(seen.state?.paused) || seen.state?.phase === "paused";
-    const phase = seen.phase ? "" : seen.state?.phase;
+    const phase = seen.state?.phase; // also while it is said in other words what is made of the run
     const why = !going() ? "no run goes on"
       : phase === "done" ? "the table is at rest, results are being made"
       : phase === "aborted" ? "the run is ending already"
