@@ -10,6 +10,7 @@ CHANNELS = (("ax", "f", "g"), ("ay", "f", "g"), ("az", "f", "g"),
             ("gx", "w", "°/s"), ("gy", "w", "°/s"), ("gz", "w", "°/s"))  # fmt: skip
 OWN = {"f": (("k0", "µg"), ("k1", "ppm"), ("delta_o", "″"), ("delta_p", "″")),
        "w": (("bias", "°/h"), ("scale", "ppm"), ("delta_o", "″"), ("delta_p", "″"))}  # fmt: skip
+NAVIGATED = ("navigation", "roll", "pitch", "heading", "apart", "velocity")
 STEPS = 31
 SECONDS = 1421.0
 
@@ -40,7 +41,6 @@ def plan(**changed: Any) -> Message:
         "run": "mimu-20261122-140000",
         "sensor": "MIMU #17",
         "plan": "mimu.toml",
-        "begun": "2026-11-22T14:00:00+00:00",
         "simulated": True,
         "seconds": SECONDS,
         "axes": ["outer", "middle", "inner"],
@@ -80,12 +80,11 @@ def state(time: float, **changed: Any) -> Message:
         "phase": "work" if done < STEPS else "done",
         "paused": "",
         "trouble": "",
-        "step": done,
         "done": done,
         "remaining": max(SECONDS - time, 0.0),
         "speed": 1.0,
+        "live": "waits" if time < 20 else "on",
         "table": {
-            "time": time,
             "axes": [
                 {
                     "angle": angle,
@@ -106,7 +105,10 @@ def state(time: float, **changed: Any) -> Message:
             "no_angle": 0,
             "temperature": 25.12,
         },
-        "attitude": None
+        "attitude": {
+            "table": matrix(time),
+            **dict.fromkeys(NAVIGATED),
+        }
         if time < 20
         else {
             "table": matrix(time),
@@ -184,7 +186,6 @@ def setup(**changed: Any) -> dict[str, Any]:
     }
     trouble = 'old.toml: [data] hold is missing, such as hold = "hold"'
     return {
-        "version": "0.1.0",
         "register": "sqlite:///register.db",
         "plans": [
             one,
@@ -213,7 +214,7 @@ def setup(**changed: Any) -> dict[str, Any]:
             _run("mimu-20261122-101500", "MIMU #17", "interrupted", report=False),
             _run("mimu-20261120-090000", "MIMU #17", "done", report=True),
         ],
-        "going": None,
+        "trouble": "",
         **changed,
     }
 

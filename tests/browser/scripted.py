@@ -24,6 +24,7 @@ from tests.browser.messages import Message, setup
 
 STATIC = Path(__file__).parents[2] / "src" / "inercal" / "host" / "web" / "static"
 PATIENCE = 20.0  # s
+BEAT = 2.0  # s
 POLICY = b"default-src 'self'"
 
 
@@ -44,6 +45,10 @@ class Scripted:
         What a client is told that connects, after "hello" and "people".
     away : bool
         Connections are refused.
+    hangs : bool
+        Connections are neither taken nor refused.
+    mute : bool
+        No beats are sent, as over a connection that broke without a word.
     operator : str or None
     """
 
@@ -52,7 +57,7 @@ class Scripted:
         self.probed: dict[str, Any] = {}
         self.heard: list[dict[str, Any]] = []
         self.says: list[Message] = [{"kind": "idle"}]
-        self.away = False
+        self.away = self.hangs = self.mute = False
         self.operator: str | None = None
         self._operates: WebSocket | None = None
         self._sockets: list[WebSocket] = []
@@ -151,22 +156,33 @@ class Scripted:
         self._loop = asyncio.get_running_loop()
         if self.away:
             return await one.close(1013)
+        while self.hangs:
+            await asyncio.sleep(0.05)
         await one.accept()
-        await one.send_text(json.dumps({"kind": "hello", "you": 7, "version": "0.1.0"}))
+        await one.send_text(json.dumps({"kind": "hello", "version": "0.1.0"}))
         self._sockets.append(one)
         await self._people()
         for message in list(self.says):
             await one.send_text(json.dumps(message))
+        beating = asyncio.create_task(self._beat(one))
         try:
             while True:
                 await self._hear(one, json.loads(await one.receive_text()))
         except WebSocketDisconnect:
             pass
         finally:
+            beating.cancel()
             self._sockets.remove(one)
             if one is self._operates:
                 self._operates, self.operator = None, None
             await self._people()
+
+    async def _beat(self, one: WebSocket) -> None:
+        with suppress(WebSocketDisconnect, RuntimeError):  # one that has just gone
+            while True:
+                await asyncio.sleep(BEAT)
+                if not self.mute:
+                    await one.send_text(json.dumps({"kind": "beat"}))
 
     async def _hear(self, one: WebSocket, command: dict[str, Any]) -> None:
         match command["do"]:

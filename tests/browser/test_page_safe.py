@@ -1,5 +1,7 @@
 """The page with hostile words, on small screens, in the dark, for all hands."""
 
+from typing import Literal
+
 import pytest
 from playwright.sync_api import Page, expect
 from tests.browser import messages
@@ -91,6 +93,29 @@ def test_all_that_can_be_pressed_has_a_name(page: Page, scripted: Scripted):
         .map((one) => one.outerHTML)"""
     )
     assert nameless == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_edges_of_what_can_be_used_are_three_to_one_against_what_is_beside_them(
+    page: Page, scripted: Scripted, scheme: Literal["light", "dark"]
+):
+    page.emulate_media(color_scheme=scheme)
+    opened(page, scripted)
+    worst = page.evaluate(
+        r"""() => {
+        const channel = (x) => (x /= 255) <= 0.04045 ? x / 12.92 : ((x + 0.055) / 1.055) ** 2.4;
+        const light = (colour) => { const [r, g, b] = colour.match(/[\d.]+/g).map(Number);
+            return 0.2126 * channel(r) + 0.7152 * channel(g) + 0.0722 * channel(b); };
+        const of = (one) => { const edge = light(getComputedStyle(one).borderTopColor);
+            const paper = light(getComputedStyle(one.closest("section, header")).backgroundColor);
+            return (Math.max(edge, paper) + 0.05) / (Math.min(edge, paper) + 0.05); };
+        const used = "#setup select, #setup input[type=text], .plan:not(.broken), "
+            + "header .buttons button, #setup button:not([aria-disabled=true])";
+        return Math.min(...[...document.querySelectorAll(used)]
+            .filter((one) => one.checkVisibility()).map(of)); }"""
+    )
+    assert worst >= 3
 
 
 @pytest.mark.slow

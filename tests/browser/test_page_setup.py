@@ -2,6 +2,7 @@
 
 import re
 
+import pytest
 from playwright.sync_api import Page, expect
 from tests.browser.driving import opened, tabbed_to
 from tests.browser.scripted import Scripted
@@ -107,9 +108,46 @@ def test_runs_of_before_are_resumed_or_have_their_report(page: Page, scripted: S
     assert asked == {"do": "resume", "run": "mimu-20261122-101500", "table": None, "imu": None}
 
 
+def test_a_sensor_that_no_register_knows_is_named_on_the_page(page: Page, scripted: Scripted):
+    opened(page, scripted)
+    start = page.get_by_role("button", name="Start the run")
+    page.get_by_role("combobox", name="Sensor").select_option("typed")
+    expect(start).to_be_disabled()
+    expect(page.get_by_text("Before it can start: type the name of the sensor")).to_be_visible()
+    page.get_by_label("Name of the sensor").fill("  MIMU #19 ")
+    expect(page.locator("#summary")).to_have_text(re.compile("^MIMU #19: mimu.toml"))
+    page.get_by_role("textbox", name="Name", exact=True).fill("Ada")
+    start.click()
+    assert scripted.order("start")["sensor"] == "MIMU #19"
+
+
+def test_the_register_and_what_is_wrong_with_it_stay_written(page: Page, scripted: Scripted):
+    opened(page, scripted)
+    expect(page.get_by_text("Register: sqlite:///register.db")).to_be_visible()
+    trouble = "postgresql://bench@10.0.0.9/inercal: nobody answers"
+    scripted.setup |= {"register": "", "trouble": trouble, "sensors": []}
+    page.get_by_role("button", name="Look again").click()
+    expect(page.get_by_text(f"The register: {trouble}")).to_be_visible()
+    expect(page.get_by_text("Register: sqlite")).to_be_hidden()
+
+
+@pytest.mark.slow
+def test_earlier_runs_are_read_again_after_the_stop_of_one(page: Page, scripted: Scripted):
+    runs = scripted.setup["runs"]
+    scripted.setup["runs"] = [{**runs[0], "state": "running"}, *runs[1:]]
+    opened(page, scripted)
+    stop = page.get_by_role("button", name=re.compile("STOP MIMU #17"))
+    stop.click()
+    assert scripted.order("stop")["run"] == runs[0]["id"]
+    scripted.setup["runs"] = runs
+    expect(page.get_by_role("button", name=re.compile("Resume MIMU #17"))).to_be_visible()
+    expect(stop).to_have_count(0)
+    assert page.evaluate("document.activeElement.id") == "runs"
+
+
 def test_a_sensor_of_the_register_leads_to_its_history(page: Page, scripted: Scripted):
     opened(page, scripted)
     expect(page.get_by_role("link", name="History of this sensor")).to_be_hidden()
-    page.get_by_role("combobox", name="Sensor").select_option("MIMU #17")
+    page.get_by_role("combobox", name="Sensor").select_option("1")
     link = page.get_by_role("link", name="History of this sensor")
     expect(link).to_have_attribute("href", "/history/1")

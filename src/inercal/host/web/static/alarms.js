@@ -3,6 +3,7 @@
 import { byId, make, put } from "./dom.js";
 import { clock } from "./format.js";
 import { seen } from "./live.js";
+import { ofTab } from "./store.js";
 
 const KNOWN = "inercal.alarms"; // of this tab: those that were acknowledged, with their run
 const MOST = 500;
@@ -29,7 +30,7 @@ export function makeAlarms() {
       make("p", {}, make("strong", {}, "■ ALARM "), said), button);
     const one = { said, keys: [] };
     button.addEventListener("click", () => {
-      sessionStorage.setItem(KNOWN, JSON.stringify([...known(), ...one.keys].slice(-MOST)));
+      ofTab.set(KNOWN, JSON.stringify([...known(), ...one.keys].slice(-MOST)));
       ringing.delete(words);
       const next = line.nextElementSibling ?? line.previousElementSibling;
       line.remove();
@@ -50,7 +51,7 @@ export function makeAlarms() {
 
 function known() {
   try {
-    return JSON.parse(sessionStorage.getItem(KNOWN)) ?? [];
+    return JSON.parse(ofTab.get(KNOWN)) ?? [];
   } catch {
     return [];
   }

@@ -1,6 +1,6 @@
 /** Where the body is: by the table's angles, and beside it by the IMU's readings alone. */
 
-import { byId, make, put } from "./dom.js";
+import { byId, make, mark, put } from "./dom.js";
 import { fixed, signed } from "./format.js";
 import { draw } from "./solid.js";
 import { calm } from "./theme.js";
@@ -9,52 +9,72 @@ const OFTEN = 30; // ms between pictures
 const NEAR = 0.12; // s in which a picture comes near to what was said last
 const SAME = 1e-5; // of a matrix' elements: nothing is to be seen of less
 const JUMP = 1.2; // more is no motion but a new place
+const ENDED = "Live estimation broke off: there is no navigation any more.";
+const WORDS = {
+  waits: "The navigation is shown once the filters have begun.",
+  ended: `${ENDED} What it found last is shown in grey.`,
+  none: "By this method nothing is navigated live: only the table's attitude is shown.",
+};
 const DEGREES = 180 / Math.PI;
 
 export function makeAttitude(theme) {
-  const numbers = byId("attitude-numbers");
+  const [section, waits, numbers] = ["attitude", "attitude-waits", "attitude-numbers"].map(byId);
   const views = [["by-table", "table"], ["by-imu", "navigation"]].map(([id, key]) =>
     ({ canvas: byId(id), key, wanted: null, shown: null, stale: true }));
   const cells = {};
   let last = 0;
+  let found = null; // what was said last of the navigation
   const redraw = () => views.forEach((view) => (view.stale = true));
   theme.changed.push(redraw);
   new ResizeObserver(redraw).observe(byId("by-table"));
 
   const row = (key, name, columns) => {
-    cells[key] = Array.from({ length: columns }, () => make("td", {}, "—"));
+    cells[key] = Array.from({ length: columns }, (_, i) =>
+      make("td", { class: columns === 2 && i === 1 && "navigated" }, "—"));
     return make("tr", {}, make("th", { scope: "row" }, name), ...cells[key]);
   };
-  const table = (heads, ...rows) => make("table", { class: "numbers" },
-    make("thead", {}, make("tr", {}, ...heads.map((head) => make("th", { scope: "col" }, head)))),
+  const table = (looks, heads, ...rows) => make("table", { class: looks },
+    make("thead", {}, make("tr", {}, ...heads.map((head) =>
+      make("th", { scope: "col", class: head === "navigation" && "navigated" }, head)))),
     make("tbody", {}, ...rows));
   numbers.append(
-    table(["°", "table", "navigation"],
+    table("numbers", ["°", "table", "navigation"],
       row("roll", "roll", 2), row("pitch", "pitch", 2), row("heading", "heading", 2)),
-    table(["", "east", "north", "up"],
+    table("numbers navigated", ["", "east", "north", "up"],
       row("apart", "table ahead by, ″", 3), row("velocity", "velocity, m/s", 3)),
-    table(["strapdown matrix", "x", "y", "z"],
+    table("numbers navigated", ["strapdown matrix", "x", "y", "z"],
       row("c0", "east", 3), row("c1", "north", 3), row("c2", "up", 3)),
   );
 
   function plan() {
     for (const view of views) Object.assign(view, { wanted: null, shown: null, stale: true });
-    say(null);
+    found = null;
+    numbers.hidden = true;
+    explain("waits");
   }
 
-  function state({ attitude }) {
+  function state({ attitude, live }) {
+    if (attitude?.navigation) found = attitude;
+    explain(live);
     if (!attitude) return;
+    // What was found last stays, greyed, where the navigation broke off.
+    const both = live === "ended" && found ? { ...found, table: attitude.table } : attitude;
     for (const view of views) {
-      view.wanted = attitude[view.key] ?? null;
+      view.wanted = both[view.key] ?? null;
       view.stale = true;
     }
-    say(attitude);
+    say(both);
+  }
+
+  function explain(live) {
+    mark(section, "live", live ?? "on");
+    const words = WORDS[live] ?? "";
+    put(waits, live === "ended" && !found ? ENDED : words);
+    waits.hidden = !words;
   }
 
   function say(attitude) {
-    numbers.hidden = !attitude;
-    byId("attitude-waits").hidden = Boolean(attitude);
-    if (!attitude) return;
+    numbers.hidden = false;
     const table = angles(attitude.table);
     ["roll", "pitch", "heading"].forEach((key, i) => {
       put(cells[key][0], angle(key, table[i]));

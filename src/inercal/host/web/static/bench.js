@@ -4,11 +4,12 @@ import { byId, make, put } from "./dom.js";
 import { fixed } from "./format.js";
 
 const COUNTS = [
-  ["packets", "packets", ""], ["lost", "lost", "packets that never came"],
-  ["failed", "wrong checks", "packets that were thrown away"],
-  ["thrown", "bytes thrown away", "between packets"],
-  ["samples", "samples with an angle", ""],
-  ["no_angle", "without", "left out: the table was read too seldom while it turned"],
+  ["packets", "packets"],
+  ["lost", "packets that never came"],
+  ["failed", "packets with wrong checks, thrown away"],
+  ["thrown", "bytes thrown away between packets"],
+  ["samples", "samples with an angle"],
+  ["no_angle", "samples without an angle: the table was read too seldom"],
 ];
 const GRAVE = new Set(["lost", "failed", "no_angle"]);
 
@@ -16,9 +17,9 @@ export function makeBench() {
   const [axes, facts] = ["axes", "imu-facts"].map(byId);
   let rows = [];
   const shown = {};
-  for (const [key, words, why] of [...COUNTS, ["temperature", "temperature", ""]]) {
+  for (const [key, words] of [...COUNTS, ["temperature", "temperature"]]) {
     shown[key] = make("dd", {}, "—");
-    facts.append(make("div", { title: why }, make("dt", {}, words), shown[key]));
+    facts.append(make("div", {}, make("dt", {}, words), shown[key]));
   }
 
   function plan(message) {

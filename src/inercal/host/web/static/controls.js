@@ -1,12 +1,13 @@
 /** The buttons of a run. */
 
 import { allow, allowed, byId, close, open } from "./dom.js";
-import { going, say, seen } from "./live.js";
+import { going, heardSince, say, seen } from "./live.js";
 import { notice, order } from "./notice.js";
 
 export function makeControls() {
   const [stop, pause, goOn, abort] = ["stop", "pause", "go-on", "abort"].map(byId);
   const asking = byId("ask-abort");
+  let stopped = NaN; // ms: when STOP was sent last
 
   stop.addEventListener("click", stopNow);
   pause.addEventListener("click", () => ask(pause, "pause", "The bench is asked to pause."));
@@ -29,10 +30,26 @@ export function makeControls() {
     if (!say({ do: "stop" })) {
       return notice("STOP was NOT sent, there is no connection: use the emergency stop.");
     }
+    stopped = performance.now();
+    if (seen.link === "quiet") return unsure();
     if (seen.link === "silent") {
       return notice("STOP was sent, but there is no news from the bench: use the emergency stop.");
     }
     notice(going() ? "STOP was sent." : "STOP was sent; no run is known to go on.");
+  }
+
+  function unsure() {
+    notice("STOP was sent, but no word comes from the server: it may NOT have arrived. Use the "
+      + "emergency stop.");
+  }
+
+  /** A connection may have been broken already when STOP was sent by it. */
+  function link({ link: now }) {
+    if (["quiet", "lost"].includes(now) && !Number.isNaN(stopped) && !heardSince(stopped)) {
+      unsure();
+      stopped = NaN;
+    }
+    show();
   }
 
   function ask(button, what, words) {
@@ -43,13 +60,17 @@ export function makeControls() {
   /** Which of them can do something now, and why not. */
   function show() {
     const paused = Boolean(seen.state?.paused) || seen.state?.phase === "paused";
+    const phase = seen.state?.phase; // also while it is said in other words what is made of the run
     const why = !going() ? "no run goes on"
+      : phase === "done" ? "the table is at rest, results are being made"
+      : phase === "aborted" ? "the run is ending already"
       : seen.link === "lost" ? "not connected"
       : !seen.people.yours ? "only who operates may: take control first" : "";
     const begun = seen.state !== null && !seen.phase;
+    const old = seen.link === "live" ? "" : "what is shown is old";
     const idle = paused ? "it is paused" : "the table is not driven now";
     allow(pause, !why && begun && !paused, why || idle);
-    allow(goOn, !why && paused, why || "it is not paused");
+    allow(goOn, !why && paused && !old, why || (paused ? old : "it is not paused"));
     allow(abort, !why, why);
     document.body.classList.toggle("paused", paused && going());
   }
@@ -59,7 +80,7 @@ export function makeControls() {
     pause: () => pause.click(),
     goOn: () => goOn.click(),
     abort: () => abort.click(),
-    people: show, plan: show, idle: show, phase: show, state: show, done: show, link: show,
+    people: show, plan: show, idle: show, phase: show, state: show, done: show, link,
     refused: ({ words }) => notice(`Refused: ${words}`),
   };
 }

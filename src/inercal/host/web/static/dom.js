@@ -11,6 +11,11 @@ export function put(node, text) {
   }
 }
 
+/** Set a mark of which styles depend, where it differs. */
+export function mark(node, name, value) {
+  if (node.dataset[name] !== value) node.dataset[name] = value;
+}
+
 /** Make an element: attributes, then children, which are elements or text. */
 export function make(tag, attributes = {}, ...children) {
   const node = document.createElement(tag);

@@ -7,12 +7,19 @@ import { order } from "./notice.js";
 const SIGNS = { done: "✓ done", interrupted: "‖ interrupted", running: "▶ running",
   "carried out": "▷ measured, not yet calibrated" };
 
+const LATER = [3000, 10_000]; // ms after STOP: a run without a page says nothing of its end
+
 export function makeEarlier(people, setup) {
   const list = byId("runs");
   const chosen = byId("chosen-devices");
   setup.loaded.push(({ runs }) => {
+    const focused = list.contains(document.activeElement) && labelOf(document.activeElement);
     list.replaceChildren(...runs.map(line));
     if (!runs.length) list.append(make("li", {}, "None yet."));
+    // To the same again, and where that is gone to no other: Enter would do what nobody wanted.
+    if (focused === false) return;
+    const same = [...list.querySelectorAll("button, a")].find((one) => labelOf(one) === focused);
+    (same ?? list).focus({ preventScroll: true });
   });
 
   function line(run) {
@@ -36,11 +43,18 @@ export function makeEarlier(people, setup) {
       const label = `STOP ${named}`;
       const looks = { type: "button", class: "grave", "aria-label": label };
       const button = make("button", looks, "STOP");
-      button.addEventListener("click", () => order({ do: "stop", run: run.id }, "STOP was sent."));
+      button.addEventListener("click", () => stop(run));
       offers.append(button);
     }
     if (offers.childNodes.length) node.append(offers);
     return node;
+  }
+
+  function stop(run) {
+    order({ do: "stop", run: run.id }, "STOP was sent.");
+    for (const later of LATER) {
+      setTimeout(() => document.body.dataset.view === "setup" && setup.load(), later);
+    }
   }
 
   function resume(run) {
@@ -52,3 +66,5 @@ export function makeEarlier(people, setup) {
 
   return {};
 }
+
+const labelOf = (node) => node.getAttribute("aria-label");

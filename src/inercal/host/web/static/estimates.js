@@ -1,16 +1,23 @@
 /** The coefficients as the filters find them: by kind and axis, each with how its ±2σ shrank. */
 
-import { byId, make, put, svg } from "./dom.js";
+import { byId, make, mark, put, svg } from "./dom.js";
 import { digits, fixed } from "./format.js";
 import { History } from "./history.js";
 
 const KINDS = { f: "accelerometers", w: "gyros" };
+const WORDS = {
+  waits: "The filters begin after 20 s of rest.",
+  ended: "Live estimation broke off: in grey is what was found last. The recording counts: the "
+    + "results are made of it at the end.",
+  none: "By this method nothing is estimated live: the results are made at the end.",
+};
 const DECADES = 3; // of shrinking from the top of a small picture to its bottom
 const POINTS = 100; // of a small picture
 const OFTEN = 300; // ms between pictures
 
 export function makeEstimates(course) {
   const [place, nis, waits] = ["coefficients", "nis", "waits"].map(byId);
+  const sections = ["estimates", "course"].map(byId);
   let cells = [];
   let history = null;
   let chosen = ""; // by its name: the page keeps it when it connects again
@@ -24,9 +31,20 @@ export function makeEstimates(course) {
     const tables = Object.keys(KINDS).map((kind) => table(kind, coefficients));
     place.replaceChildren(...tables.filter(Boolean));
     put(nis, "");
-    waits.hidden = !coefficients.length;
+    explain("waits");
     const before = cells.findIndex(({ coefficient }) => coefficient.name === chosen);
     choose(Math.max(before, 0), false);
+  }
+
+  /** How it is with live estimation; greyed is what is estimated no longer. */
+  function state({ live }) {
+    explain(live);
+  }
+
+  function explain(live) {
+    for (const section of sections) mark(section, "live", live ?? "on");
+    put(waits, WORDS[live] ?? "");
+    waits.hidden = !WORDS[live];
   }
 
   /** A table: what belongs to one kind of coefficient in a row, an axis a column. */
@@ -103,7 +121,6 @@ export function makeEstimates(course) {
   }
 
   function show({ values, u2, nis: found }) {
-    waits.hidden = values.some(Number.isFinite);
     cells.forEach((one, i) => {
       const [value, spread] = digits(values[i] ?? NaN, u2[i] ?? NaN);
       const { name, unit } = one.coefficient;
@@ -141,5 +158,5 @@ export function makeEstimates(course) {
     funnel.setAttribute("d", `M${over.join("L")}L${under.reverse().join("L")}Z`);
   }
 
-  return { plan, estimates, frame };
+  return { plan, state, estimates, frame };
 }

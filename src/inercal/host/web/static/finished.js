@@ -5,6 +5,7 @@ import { seen } from "./live.js";
 import { order } from "./notice.js";
 
 const SIGNS = { good: "✓", care: "▲", bad: "✗" };
+const AGAIN = new Set(["carried out", "interrupted"]); // what can be resumed
 const LINKS = [
   ["report", "Open the report"],
   ["calibration", "Calibration file"],
@@ -14,10 +15,12 @@ const TITLES = {
   done: "The run is done",
   "carried out": "The run is measured, but not calibrated",
   interrupted: "The run was interrupted",
+  "not begun": "The run did not begin",
 };
 
 export function makeFinished(people) {
   const [section, results, resume, away] = ["finished", "results", "resume", "put-away"].map(byId);
+  let told = ""; // the end that was said: who connects again is not moved by it once more
 
   away.addEventListener("click", () => {
     people.whenOperating(() => order({ do: "put away" }, ""));
@@ -37,15 +40,27 @@ export function makeFinished(people) {
     const link = { target: "_blank", rel: "noopener", class: "button" };
     results.replaceChildren(...LINKS.filter(([key]) => own(message[key])).map(([key, words]) =>
       make("a", { href: message[key], download: key === "calibration", ...link }, words)));
-    resume.hidden = state === "done";
+    resume.hidden = !AGAIN.has(state);
     section.hidden = false;
+    const end = JSON.stringify(message);
+    if (end === told) return;
+    told = end;
+    put(byId("said"), [TITLES[state] ?? state, verdict?.words, message.words].filter(Boolean)
+      .join(". "));
+    section.scrollIntoView({ block: "nearest" });
   }
 
   function hide() {
     section.hidden = true;
   }
 
-  return { plan: hide, phase: hide, idle: hide, done };
+  /** The same end can be that of another attempt. */
+  function begins() {
+    told = "";
+    hide();
+  }
+
+  return { plan: hide, phase: begins, idle: begins, done };
 }
 
 /** A place on this server, and nothing else. */

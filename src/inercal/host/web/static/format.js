@@ -3,7 +3,7 @@
 const NOTHING = "—";
 
 /** True minus signs: a hyphen is too short beside digits. */
-export const minus = (text) => text.replaceAll("-", "\u2212");
+const minus = (text) => text.replaceAll("-", "\u2212");
 
 /** A number with so many places. */
 export function fixed(x, places) {

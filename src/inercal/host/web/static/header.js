@@ -2,7 +2,7 @@
 
 import { byId, put } from "./dom.js";
 import { clock, fixed } from "./format.js";
-import { age, going, seen } from "./live.js";
+import { age, going, quiet, seen } from "./live.js";
 
 const PHASES = {
   enable: "switching the servos on",
@@ -20,12 +20,19 @@ const LINKS = {
   connecting: "connecting …",
   live: "connected",
   silent: "no news",
+  quiet: "no word",
   lost: "not connected",
 };
 
 export function makeHeader() {
+  const header = document.querySelector("header");
   const [over, sensor, phase, time] = ["over", "sensor", "phase", "clock"].map(byId);
   const [link, lost, trouble, progress] = ["link", "lost", "trouble", "progress"].map(byId);
+
+  // What the focus moves to is not scrolled to a place behind the header, whose height changes.
+  new ResizeObserver(() => {
+    document.documentElement.style.setProperty("--header", `${header.offsetHeight}px`);
+  }).observe(header);
 
   function plan(message) {
     put(over, `${message.plan} · ${message.simulated ? "SIMULATED bench" : "real bench"}`);
@@ -55,19 +62,24 @@ export function makeHeader() {
     progress.value = seen.done?.state === "done" ? 1 : gone / Math.max(gone + left, 1e-9);
     const fast = state.speed > 1.5 ? ` · ${fixed(state.speed, 0)} × real time` : "";
     put(time, `${clock(gone)} gone${seen.done ? "" : `, ${clock(left)} to go${fast}`}`);
-    put(trouble, state.trouble && !seen.done ? state.trouble : "");
+    put(trouble, state.trouble && !seen.done ? `▲ ${state.trouble}` : "");
   }
 
   function connection() {
     const { link: now } = seen;
     link.dataset.link = now;
     put(link, LINKS[now]);
-    document.body.classList.toggle("old", now === "lost" || (now === "silent" && going()));
+    const old = ["lost", "quiet"].includes(now) || (now === "silent" && going());
+    document.body.classList.toggle("old", old);
     if (now === "lost") {
       put(lost, "Connection lost. What is shown is old, and STOP of this page cannot reach the "
         + "table: use the emergency stop. Trying again …");
+    } else if (now === "quiet") {
+      put(lost, `No word from the server for ${fives(quiet())} s or more: the connection may be `
+        + "broken. What is shown is old, and STOP of this page may not reach the table: use the "
+        + "emergency stop.");
     } else if (now === "silent" && going()) {
-      const seconds = Math.round(age() / 5) * 5 || 2;
+      const seconds = fives(age()) || 2;
       put(lost, `No news from the bench for ${seconds} s or more. What is shown is old.`);
     } else put(lost, "");
   }
@@ -77,6 +89,9 @@ export function makeHeader() {
     plan, idle, phase: show, state: show, done: show, link: connection,
   };
 }
+
+/** Read aloud each time that it differs: in steps of 5 s, of those that have gone. */
+const fives = (seconds) => Math.floor(seconds / 5) * 5;
 
 function words() {
   const { state, done } = seen;

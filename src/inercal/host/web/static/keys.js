@@ -5,6 +5,7 @@
 
 import { byId, close, open } from "./dom.js";
 import { notice } from "./notice.js";
+import { ofDevice } from "./store.js";
 
 const TWICE = 1000; // ms
 const OFF = "inercal.keys-off";
@@ -16,11 +17,8 @@ export function listen(controls) {
   let first = -Infinity;
   let sent = -Infinity;
 
-  on.checked = !localStorage.getItem(OFF);
-  on.addEventListener("change", () => {
-    if (on.checked) localStorage.removeItem(OFF);
-    else localStorage.setItem(OFF, "yes");
-  });
+  on.checked = !ofDevice.get(OFF);
+  on.addEventListener("change", () => ofDevice.set(OFF, on.checked ? null : "yes"));
   byId("help").addEventListener("click", () => (help.open ? close(help) : open(help)));
 
   addEventListener("keydown", (event) => {

@@ -4,15 +4,21 @@
  * Every part of the page reads `seen`; only this file writes it. A lost connection is looked for
  * again by itself, and what is shown meanwhile is marked as old. No command waits for a connection:
  * what was meant for a table a minute ago may be wrong now.
+ *
+ * The server sends a beat every 2 s, also when nothing goes on: a connection that broke without a
+ * word is known by its silence alone.
  */
 
 const WAITS = [0.5, 1, 2, 3]; // s until the next attempt
 const SILENT = 2.5; // s without a word of a run that goes on: what is shown is old
-const DEAD = 12; // s: the connection is given up
+const QUIET = 5; // s without a word of any kind: the connection may be broken
+const DEAD = 12; // s: it is given up
+const HANGS = 4; // s that an attempt may take
+const STARTS = new Set(["start", "resume", "go on"]); // what sets a table in motion
 
 /** What the bench has said last. */
 export const seen = {
-  link: "connecting", // "live", "silent" or "lost"
+  link: "connecting", // "live", "silent" (no news of the run), "quiet" (no word) or "lost"
   since: 0, // ms of performance.now(): when there was news of the run
   version: "",
   people: { viewers: 0, operator: null, yours: false },
@@ -24,7 +30,8 @@ export const seen = {
 };
 
 let socket = null;
-let opened = 0; // ms
+let opened = 0; // ms: when the attempt began
+let word = 0; // ms: when anything was heard, or the attempt began
 let newest = NaN; // s of the run: what is told again to who connects again is no news
 let attempts = 0;
 let tell = () => {};
@@ -34,12 +41,20 @@ export function connect(hear) {
   tell = hear;
   attempt();
   setInterval(watch, 500);
-  addEventListener("online", () => socket ?? attempt());
+  addEventListener("online", () => {
+    if (socket?.readyState === WebSocket.OPEN) return;
+    giveUp();
+    attempt();
+  });
 }
 
-/** Send a command; false when there is no connection, and it is not kept. */
+/**
+ * Send a command; false when there is no connection, and it is not kept. One that starts something
+ * is not sent either where what is shown is old: who wants it does not see what it starts from.
+ */
 export function say(command) {
   if (socket?.readyState !== WebSocket.OPEN) return false;
+  if (STARTS.has(command.do) && seen.link !== "live") return false;
   socket.send(JSON.stringify(command));
   return true;
 }
@@ -50,6 +65,12 @@ export const going = () => seen.done === null && (seen.plan !== null || seen.pha
 /** Seconds since there was news of the run. */
 export const age = () => (performance.now() - seen.since) / 1000;
 
+/** Seconds since there was a word of any kind. */
+export const quiet = () => (performance.now() - word) / 1000;
+
+/** Whether there was a word since then, ms. */
+export const heardSince = (then) => word > then;
+
 /** Whether states should come, ten a second. */
 const expected = () => going() && seen.state !== null && !seen.phase;
 
@@ -57,16 +78,27 @@ function attempt() {
   const scheme = location.protocol === "https:" ? "wss:" : "ws:";
   const made = new WebSocket(`${scheme}//${location.host}/live`);
   socket = made;
-  opened = performance.now();
+  opened = word = performance.now();
   made.onmessage = (event) => socket === made && heard(event.data);
   made.onclose = () => {
     if (socket !== made) return;
     socket = null;
-    change("lost");
     setTimeout(() => socket ?? attempt(), 1000 * WAITS[Math.min(attempts, WAITS.length - 1)]);
-    attempts += 1;
-    if (attempts % 3 === 0) askForToken();
+    failed();
   };
+}
+
+/** Drop the connection or the attempt, which says nothing of its end any more. */
+function giveUp() {
+  const given = socket;
+  socket = null;
+  given?.close();
+}
+
+function failed() {
+  change("lost");
+  attempts += 1;
+  if (attempts % 3 === 0) askForToken();
 }
 
 /** The page that asks for a token comes up where the one of before is no longer taken. */
@@ -83,6 +115,7 @@ function heard(text) {
     return;
   }
   attempts = 0;
+  word = performance.now();
   keep(message);
   tell(message);
   change(expected() && age() > SILENT ? "silent" : "live");
@@ -127,18 +160,25 @@ function change(link) {
   tell({ kind: "link", link });
 }
 
-/** A socket may be open with nobody at its other end. */
+/** A socket may be open with nobody at its other end, and an attempt may never come to an end. */
 function watch() {
-  if (seen.link === "lost" || seen.link === "connecting") return;
-  if (!expected()) return;
-  if (Math.min(age(), (performance.now() - opened) / 1000) > DEAD) {
-    const given = socket;
-    socket = null;
-    given?.close();
-    change("lost");
-    attempt();
-  } else if (age() > SILENT) {
-    seen.link = "silent";
-    tell({ kind: "link", link: "silent" });
-  }
+  if (!socket) return;
+  if (socket.readyState === WebSocket.CONNECTING) {
+    if (performance.now() - opened > 1000 * HANGS) again();
+  } else if (quiet() > DEAD) again();
+  else if (seen.link === "lost") return; // it is open, but nothing has come by it
+  else if (quiet() > QUIET) mark("quiet");
+  else if (expected() && age() > SILENT) mark("silent");
+}
+
+function again() {
+  giveUp();
+  failed();
+  attempt();
+}
+
+/** Say it each time: for how long is said too. */
+function mark(link) {
+  seen.link = link;
+  tell({ kind: "link", link });
 }

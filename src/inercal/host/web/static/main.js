@@ -26,50 +26,72 @@ import { makeSetup } from "./setup.js";
 import { makeSteps } from "./steps.js";
 import { followTheme } from "./theme.js";
 
-const theme = followTheme();
-const people = makePeople();
-const controls = makeControls();
-const charts = makeCharts(theme);
-const course = makeCourse(theme);
-const setup = makeSetup(people);
-const attitude = makeAttitude(theme);
-const estimates = makeEstimates(course);
+const broken = new Set(); // the parts of which that was said
 
-const parts = [
-  { hello: showView, idle: showView, plan: showView, phase: showView, done: showView },
-  makeHeader(),
+// STOP first: whatever of the rest cannot be made, it is there.
+const people = made("people", makePeople);
+const controls = made("controls", makeControls);
+const theme = made("theme", followTheme);
+const charts = made("charts", () => makeCharts(theme));
+const course = made("course", () => makeCourse(theme));
+const setup = made("set-up", () => makeSetup(people));
+const attitude = made("attitude", () => makeAttitude(theme));
+const estimates = made("estimates", () => makeEstimates(course));
+
+const parts = Object.entries({
+  view: { hello: showView, idle: showView, plan: showView, phase: showView, done: showView },
+  header: made("header", makeHeader),
   people,
   controls,
-  setup,
-  makeEarlier(people, setup),
+  "set-up": setup,
+  "earlier runs": made("earlier runs", () => makeEarlier(people, setup)),
   charts,
-  makeBench(),
+  bench: made("bench", makeBench),
   attitude,
-  makeSteps(),
+  steps: made("steps", makeSteps),
   estimates,
-  makeEvents(),
-  makeAlarms(),
-  makeFinished(people),
-];
+  events: made("events", makeEvents),
+  alarms: made("alarms", makeAlarms),
+  end: made("end", () => makeFinished(people)),
+});
 
 /** What is measured of the page: pictures drawn of the charts, and messages heard. */
 const counts = { frames: 0, messages: 0 };
 window.inercal = counts;
 
-listen(controls);
+made("keys", () => listen(controls));
 connect((message) => {
   if (message.kind !== "link") counts.messages += 1;
-  for (const part of parts) part[message.kind]?.(message);
+  for (const [name, part] of parts) safely(name, () => part[message.kind]?.(message));
 });
 requestAnimationFrame(frame);
+
+/** Do something of a part; one that fails is said once, and silences no other. */
+function safely(name, what) {
+  try {
+    return what();
+  } catch (error) {
+    if (!broken.has(name)) {
+      broken.add(name);
+      console.error(error);
+      notice(`Of this page does not work: ${[...broken].join(", ")} (${error.message}).`);
+    }
+    return null;
+  }
+}
+
+/** Make a part; one that cannot be made shows nothing. */
+function made(name, make) {
+  return safely(name, make) ?? {};
+}
 
 /** Draw what moves. A tab that is hidden is given no frames. */
 function frame(now) {
   requestAnimationFrame(frame);
   if (!seen.plan) return;
-  counts.frames += charts.frame(now);
-  attitude.frame(now);
-  estimates.frame(now);
+  counts.frames += safely("charts", () => charts.frame?.(now)) ?? 0;
+  safely("attitude", () => attitude.frame?.(now));
+  safely("estimates", () => estimates.frame?.(now));
 }
 
 /** The set-up until a run begins, then the run. */
@@ -77,8 +99,18 @@ function showView() {
   const view = seen.plan || seen.done ? "run" : seen.phase ? "start" : seen.idle ? "setup" : "wait";
   byId("live").hidden = !seen.plan;
   if (view === "start") put(byId("wait"), `${seen.phase} …`);
-  if (document.body.dataset.view === view) return;
+  const before = document.body.dataset.view;
+  if (before === view) return;
   document.body.dataset.view = view;
   notice("");
   scrollTo(0, 0);
+  // Once the title says what this is. What had the focus may be gone: a reader would begin at none.
+  if (before !== "wait") queueMicrotask(focusTitle);
+}
+
+function focusTitle() {
+  const now = document.activeElement ?? document.body;
+  if (now === document.body || !now.checkVisibility()) {
+    byId("sensor").focus({ preventScroll: true });
+  }
 }

@@ -1,7 +1,7 @@
 /** What came of something that this viewer did. */
 
 import { byId } from "./dom.js";
-import { say } from "./live.js";
+import { say, seen } from "./live.js";
 
 const LASTS = 12_000; // ms
 let timer = 0;
@@ -13,7 +13,13 @@ export function notice(words) {
   timer = setTimeout(() => (byId("notice").textContent = ""), LASTS);
 }
 
-/** Send a command; say so, or that there is no connection. */
+/** Send a command; say so, or why not. */
 export function order(command, words) {
-  notice(say(command) ? words : "Not connected: nothing was sent.");
+  notice(say(command) ? words : unsent());
+}
+
+/** Why nothing was sent. */
+export function unsent() {
+  return ["quiet", "silent"].includes(seen.link) ? "What is shown is old: nothing was sent."
+    : "Not connected: nothing was sent.";
 }

@@ -2,11 +2,13 @@
 
 import { byId, close, open, put } from "./dom.js";
 import { say, seen } from "./live.js";
-import { notice } from "./notice.js";
+import { notice, unsent } from "./notice.js";
+import { ofDevice, ofTab } from "./store.js";
 
 const NAME = "inercal.name";
-const OPERATES = "inercal.operates"; // of this tab: it takes control again when it is loaded anew
-const AGAIN = 3000; // ms: how long one who has gone keeps control is the server's affair
+const OPERATES = "inercal.operates"; // of this tab: by what name, and when that was known last
+const GRACE = 10_000; // ms: as long as the server keeps the place of one who is gone
+const AGAIN = 3000; // ms
 const ATTEMPTS = 5;
 
 export function makePeople() {
@@ -17,8 +19,8 @@ export function makePeople() {
   let left = 0;
   let timer = 0;
 
-  name.value = localStorage.getItem(NAME) ?? "";
-  name.addEventListener("input", () => localStorage.setItem(NAME, name.value));
+  name.value = ofDevice.get(NAME) ?? "";
+  name.addEventListener("input", () => ofDevice.set(NAME, name.value));
   control.addEventListener("click", () => (seen.people.yours ? give() : whenOperating(null)));
   name.addEventListener("keydown", (event) => {
     if (event.key === "Enter") whenOperating(null);
@@ -27,7 +29,7 @@ export function makePeople() {
     event.preventDefault();
     if (!again.value.trim()) return again.focus();
     name.value = again.value.trim();
-    localStorage.setItem(NAME, name.value);
+    ofDevice.set(NAME, name.value);
     answered = true;
     close(asking);
     ask();
@@ -39,13 +41,14 @@ export function makePeople() {
   });
 
   function give() {
-    sessionStorage.removeItem(OPERATES);
+    ofTab.set(OPERATES, null);
     say({ do: "leave" });
   }
 
   /** Do something as operator: take control first where nobody else has it. */
   function whenOperating(what) {
     if (seen.people.yours) return what?.();
+    if (what && seen.link !== "live") return notice(unsent()); // it would be done when it is, later
     then = what;
     if (name.value.trim()) return ask();
     if (document.body.dataset.view === "setup") {
@@ -57,20 +60,24 @@ export function makePeople() {
     open(asking);
   }
 
-  function ask() {
-    if (say({ do: "operate", name: name.value.trim() })) return;
+  function ask(as = name.value.trim()) {
+    if (say({ do: "operate", name: as })) return;
     then = null;
-    notice("Not connected: nothing was sent.");
+    notice(unsent());
   }
 
-  /** A page that was loaded anew, or whose connection broke, asks for the control that it had. */
+  /**
+   * A page that was loaded anew, or whose connection broke, asks for the control that it had: for as
+   * long as the server keeps it. Who comes back later may find the table in other hands.
+   */
   function reclaim() {
     clearTimeout(timer);
-    if (seen.people.yours || left <= 0 || !sessionStorage.getItem(OPERATES)) return;
+    const had = operated();
+    if (seen.people.yours || left <= 0 || !had) return;
     const { operator } = seen.people;
-    if (operator !== null && operator !== name.value.trim()) return;
+    if (operator !== null && operator !== had.name) return;
     left -= 1;
-    ask();
+    ask(had.name);
     timer = setTimeout(reclaim, AGAIN);
   }
 
@@ -81,16 +88,32 @@ export function makePeople() {
     put(control, yours ? "Give control back" : "Take control");
     put(byId("who-says"), yours ? "You operate. Everybody else watches."
       : operator ? `${operator} operates; you watch.` : "One operates, everybody else watches.");
-    document.body.classList.toggle("operates", yours);
+    if (!yours && operator !== null && operator !== operated()?.name) ofTab.set(OPERATES, null);
     if (!yours) return;
-    sessionStorage.setItem(OPERATES, "yes");
+    stamp();
     const wanted = then;
     then = null;
     wanted?.();
   }
 
+  /** What is known last of one's own control, where that is not too long ago. */
+  function operated() {
+    try {
+      const had = JSON.parse(ofTab.get(OPERATES));
+      return Date.now() - had.at < GRACE ? had : null;
+    } catch {
+      return null; // there is nothing, or nothing that this page wrote
+    }
+  }
+
+  function stamp() {
+    const { yours, operator } = seen.people;
+    if (yours) ofTab.set(OPERATES, JSON.stringify({ name: operator, at: Date.now() }));
+  }
+
   return {
     whenOperating,
+    beat: stamp,
     hello: () => {
       left = ATTEMPTS;
       setTimeout(reclaim, 300);
@@ -98,7 +121,7 @@ export function makePeople() {
     people,
     refused: () => (then = null),
     link: ({ link }) => {
-      if (link === "lost") then = null;
+      if (link !== "live") then = null;
     },
   };
 }

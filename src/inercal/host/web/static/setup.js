@@ -10,6 +10,7 @@ const IMUS = /^tcp:\/\/[^\s/?]+(\?\S*)?$/;
 
 export function makeSetup(people) {
   const [plans, sensors, history] = ["plans", "sensors", "history"].map(byId);
+  const sensorName = byId("sensor-name");
   const [table, imu, preset, baud] = ["table", "imu", "preset", "baud"].map(byId);
   const [tableAddress, imuAddress] = ["table-address", "imu-address"].map(byId);
   const motorBaud = byId("motor-baud");
@@ -28,8 +29,7 @@ export function makeSetup(people) {
   start.addEventListener("click", () => {
     if (!allowed(start)) return notice(start.title);
     people.whenOperating(() => {
-      const sensor = sensors.value || null;
-      order({ do: "start", plan: planId(), sensor, ...devices() }, "Starting …");
+      order({ do: "start", plan: planId(), sensor: named(), ...devices() }, "Starting …");
     });
   });
   probe.addEventListener("click", () => {
@@ -40,24 +40,31 @@ export function makeSetup(people) {
   const planId = () => plans.querySelector("input:checked")?.value;
   const planNow = () => setup.whole?.plans.find((one) => one.id === planId());
 
+  /** The name that was chosen or typed; null is the plan's own. */
+  function named() {
+    if (sensors.value === TYPED) return sensorName.value.trim();
+    return setup.whole?.sensors.find(({ id }) => String(id) === sensors.value)?.name ?? null;
+  }
+
   async function load() {
     const answer = await fetch("/api/setup").catch(() => null);
     if (answer?.status === 401) return location.reload();
     if (!answer?.ok) return notice("The server does not say what can be chosen.");
     setup.whole = await answer.json();
     fill();
-    if (setup.whole.trouble) notice(`The register: ${setup.whole.trouble}`);
     for (const tell of setup.loaded) tell(setup.whole);
   }
 
   function fill() {
-    const { plans: all, tables, imus, presets } = setup.whole;
+    const { plans: all, tables, imus, presets, register, trouble } = setup.whole;
     const before = planId();
     plans.replaceChildren(...all.map((one) => planCard(one)));
     const first = plans.querySelector(`input[value="${CSS.escape(before ?? "")}"]:enabled`)
       ?? plans.querySelector("input:enabled");
     if (first) first.checked = true;
     if (!all.length) plans.append(make("p", {}, "There is no plan in the folder of plans."));
+    put(byId("register-trouble"), trouble ? `✗ The register: ${trouble}` : "");
+    put(byId("register"), register ? `Register: ${register}` : "");
     const typed = { id: TYPED, what: "network address, typed" };
     options(table, [...tables, typed].map(({ id, what }) => [id, what]));
     options(imu, [...imus, typed].map(({ id, what }) => [id, what]));
@@ -80,8 +87,10 @@ export function makeSetup(people) {
     const plan = planNow();
     const own = plan ? `${plan.sensor} (the plan's own name)` : "the plan's own name";
     const known = setup.whole?.sensors ?? [];
-    options(sensors, [["", own], ...known.map((one) => [one.name, described(one)])]);
-    const name = sensors.value || plan?.sensor;
+    options(sensors, [["", own], ...known.map((one) => [String(one.id), described(one)]),
+      [TYPED, "another name, typed"]]);
+    byId("sensor-typed").hidden = sensors.value !== TYPED;
+    const name = named() ?? plan?.sensor;
     const entered = known.find((one) => one.name === name);
     history.hidden = !entered;
     if (entered) history.href = `/history/${encodeURIComponent(entered.id)}`;
@@ -89,7 +98,7 @@ export function makeSetup(people) {
     byId("imu-typed").hidden = imu.value !== TYPED;
     byId("table-baud").hidden = !isPort(table);
     byId("imu-preset").hidden = byId("imu-baud").hidden = !isPort(imu);
-    put(byId("summary"), plan ? `${name}: ${plan.file}, ${plan.steps} steps, about `
+    put(byId("summary"), plan ? `${name ? `${name}: ` : ""}${plan.file}, ${plan.steps} steps, about `
       + `${lasting(plan.seconds)}, method ${plan.method}.` : "");
     const why = plan ? unclear() : "no plan is chosen";
     allow(probe, !why, why);
@@ -101,6 +110,7 @@ export function makeSetup(people) {
 
   /** What is missing in what was typed. */
   function unclear() {
+    if (named() === "") return "type the name of the sensor";
     if (table.value === TYPED && !TABLES.test(tableAddress.value.trim())) {
       return "type the table's address, such as pmac://HOST:1025?motors=1,2,3&counts=3600000";
     }

@@ -16,7 +16,7 @@ export function makeSteps() {
     shown = NaN;
     total = message.steps.length;
     items = message.steps.map((step, i) => {
-      const sign = make("span", { class: "sign" });
+      const sign = make("span", { class: "sign", role: "img" });
       const node = make("li", {}, sign, make("span", { class: "label" }, `${i + 1}. ${step.label}`),
         make("span", { class: "small" }, `${step.what}, ${lasting(step.seconds)}`));
       return { node, sign };
