@@ -13,6 +13,7 @@ opens the file again.
 import os
 import sys
 from collections.abc import Generator
+from errno import ENOSPC
 from hashlib import file_digest
 from pathlib import Path
 from struct import Struct
@@ -105,10 +106,9 @@ class Log:
             if written < len(frame):
                 # Where there is space again, what is written next would stand behind a torn frame.
                 os.ftruncate(self._file, os.fstat(self._file).st_size - written)
+                raise OSError(ENOSPC, "no space left on device")
         except OSError as error:
             raise InputError(f"{self.path}: cannot be written: {error.strerror}") from None
-        if written < len(frame):
-            raise InputError(f"{self.path}: cannot be written: no space left on device")
 
     def close(self) -> None:
         """Have the disk take everything, and close.
