@@ -9,6 +9,7 @@ from inercal.host.account import Account
 from inercal.host.folder import Folder, begin
 from inercal.host.journal import Journal
 from inercal.host.log import Frame, Log
+from inercal.runfile import read
 
 ADDRESSES = (
     "pmac://10.0.0.5:1025?motors=1,2,3&counts=3600000",
@@ -45,6 +46,19 @@ def go_on(account: Account, frames: list[Frame]) -> None:
             account.work(frame.time)
 
 
+@pytest.mark.parametrize(
+    ("method", "stands"), [("turntable_kalman", "waits"), ("turntable_discrete", "none")]
+)
+def test_live_estimation_waits_or_is_not_the_methods(tmp_path: Path, method: str, stands: str):
+    run = run_file(tmp_path, LONG)
+    text = run.path.read_text(encoding="utf-8")
+    assert 'name = "turntable_kalman"' in text
+    run.path.write_text(text.replace('name = "turntable_kalman"', f'name = "{method}"'))
+    folder, journal = begin(tmp_path / "run", read(run.path), ADDRESSES)
+    with journal, Account(folder, journal, LAYOUT) as account:
+        assert account.estimation == stands
+
+
 def test_what_was_said_before_an_interruption_is_not_said_again(
     tmp_path: Path, logged: list[Frame]
 ):
@@ -68,6 +82,7 @@ def test_an_end_of_live_estimation_that_only_the_replay_comes_to_is_said_once(
         for _ in range(2):
             with Account(folder, journal, LAYOUT) as account:
                 assert account.live is None
+                assert account.estimation == "ended"
         (event,) = journal.events()
     assert event.words.startswith("live estimation ends: ")
     assert "begins with a rest of 11" in event.words

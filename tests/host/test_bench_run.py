@@ -12,7 +12,7 @@ from inercal.host.addresses import open_table
 from inercal.host.compile import compiled
 from inercal.host.drivers.table import ProtocolError, TableState
 from inercal.host.log import IMU, frames
-from inercal.host.run import Options
+from inercal.host.options import Options
 from inercal.host.simulated import SimulatedBench
 
 
@@ -65,6 +65,7 @@ def test_a_run_does_its_steps_in_order_and_leaves_no_packet_out(shared: Bench):
     assert (tally.bytes.lost, tally.bytes.failed, tally.bytes.thrown) == (0, 0, 0)
     assert ended.run.account.live is not None
     assert ended.run.account.live.begun
+    assert ended.run.account.estimation == "on"
     assert at_rest(shared.bench)
 
 

@@ -66,7 +66,8 @@ class Account:
         run, bench = folder.run, folder.run.bench
         assert isinstance(bench, Turntable)
         self.assembly = Assembly.of(run, layout, journal.header().poll)
-        self.live = Live(run) if run.method.name == METHOD.name else None
+        self._estimates = run.method.name == METHOD.name
+        self.live = Live(run) if self._estimates else None
         whole = all(len(run.sensor.only(kind).axes) == _TRIAD for kind in ("f", "w"))
         self._whole = run.sensor, bench
         self._navigator = Navigator(*self._whole) if whole else None
@@ -82,6 +83,13 @@ class Account:
             self._log = opened.enter_context(Log(folder.log))
             self._replay(folder)
             self._opened = opened.pop_all()
+
+    @property
+    def estimation(self) -> Literal["none", "waits", "on", "ended"]:
+        """How live estimation stands: "none" where the run file's method is not the filters'."""
+        if self.live is None:
+            return "ended" if self._estimates else "none"
+        return "on" if self.live.begun else "waits"
 
     def keep(self, kind: int, time: float, payload: bytes) -> None:
         """Keep what came from a device, at a time of the run."""
@@ -164,7 +172,7 @@ class Account:
                 self.say(time, "warning", words)
 
     def _of_losses(self, time: float) -> list[str]:
-        """Return what is to be said of losses, now and then where there are more: it is, then."""
+        """Return what is to be said of losses, now and then where there are more, once."""
         tally = self.assembly.tally
         counts, before = tally.bytes, self._losses
         losses = counts.lost, counts.failed, tally.no_angle

@@ -26,7 +26,7 @@ def run_file() -> Run:
     return read(Path(str(files("inercal").joinpath("demo.toml"))))
 
 
-def state(run_file: Run, live: object, *, homed: bool = True, **more: Any) -> dict[str, Any]:
+def state(run_file: Run, estimation: str, *, homed: bool = True, **more: Any) -> dict[str, Any]:
     """Return what is told of a run whose table stands at ANGLES, its last samples at OTHERS."""
     axes = tuple(
         AxisState(angle, 0.0, 0.0, in_position=True, moving=False, enabled=True, homed=homed)
@@ -36,7 +36,7 @@ def state(run_file: Run, live: object, *, homed: bool = True, **more: Any) -> di
     tally = Told(bytes=counts, samples=0, no_angle=0)
     account = Told(
         assembly=Told(tally=tally),
-        live=live,
+        estimation=estimation,
         navigation=more.get("navigation"),
         temperature=float("nan"),
     )
@@ -50,47 +50,37 @@ def state(run_file: Run, live: object, *, homed: bool = True, **more: Any) -> di
         account=account,
     )
     bench = turntable_of(run_file)
-    return pictures.state(cast(BenchRun, run), run_file, bench, more.get("angles"))
+    return pictures.state(cast(BenchRun, run), bench, more.get("angles"))
 
 
 def by(run_file: Run, angles: "np.ndarray[Any, np.dtype[np.float64]]") -> list[float | None]:
     return pictures.numbers(reference(turntable_of(run_file), angles[None])[0].ravel())
 
 
-@pytest.mark.parametrize(
-    ("live", "words"), [(Told(begun=False), "waits"), (Told(begun=True), "on"), (None, "ended")]
-)
-def test_live_estimation_waits_is_on_or_has_ended(run_file: Run, live: object, words: str):
-    assert state(run_file, live)["live"] == words
-
-
-def test_another_method_than_the_filters_estimates_nothing_live(tmp_path: Path):
-    text = files("inercal").joinpath("demo.toml").read_text(encoding="utf-8")
-    text = text.replace('name = "turntable_kalman"', 'name = "turntable_discrete"')
-    (tmp_path / "plan.toml").write_text(text)
-    assert state(read(tmp_path / "plan.toml"), None)["live"] == "none"
+@pytest.mark.parametrize("estimation", ["none", "waits", "on", "ended"])
+def test_how_live_estimation_stands_is_told(run_file: Run, estimation: str):
+    assert state(run_file, estimation)["live"] == estimation
 
 
 def test_attitude_is_told_by_the_table_before_there_are_samples(run_file: Run):
-    told = state(run_file, Told(begun=False))["attitude"]
+    told = state(run_file, "waits")["attitude"]
     assert told.pop("table") == by(run_file, ANGLES)
     assert set(told) == {"navigation", "roll", "pitch", "heading", "apart", "velocity"}
     assert set(told.values()) == {None}
 
 
 def test_a_table_that_has_no_zero_yet_has_no_attitude(run_file: Run):
-    assert state(run_file, Told(begun=False), homed=False)["attitude"] is None
+    assert state(run_file, "waits", homed=False)["attitude"] is None
 
 
 def test_beside_navigation_stands_the_table_at_the_same_sample(run_file: Run):
-    live = Told(begun=True)
-    told = state(run_file, live, navigation=NAVIGATION, angles=OTHERS)["attitude"]
+    told = state(run_file, "on", navigation=NAVIGATION, angles=OTHERS)["attitude"]
     assert told["table"] == by(run_file, OTHERS)
     assert told["navigation"] == np.eye(3).ravel().tolist()
     assert (told["roll"], told["pitch"], told["heading"]) == (1.0, 2.0, 3.0)
 
 
 def test_navigation_is_not_told_on_once_its_coefficients_are_gone(run_file: Run):
-    told = state(run_file, None, navigation=NAVIGATION, angles=OTHERS)["attitude"]
+    told = state(run_file, "ended", navigation=NAVIGATION, angles=OTHERS)["attitude"]
     assert told["table"] == by(run_file, ANGLES)
     assert told["navigation"] is told["heading"] is None

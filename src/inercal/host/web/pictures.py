@@ -5,7 +5,7 @@ Numbers are rounded to what a page can show; one that is not known is null.
 
 from collections.abc import Sequence
 from math import degrees, isfinite
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,6 @@ from inercal.benches.turntable_attitude import reference
 from inercal.host.drivers.table import AxisState
 from inercal.host.run import BenchRun
 from inercal.host.tasks import tasks
-from inercal.methods.turntable_kalman import METHOD
 from inercal.runfile import Run
 from inercal.units import ZERO_CELSIUS
 
@@ -54,14 +53,12 @@ def plan(run: Run, bench: Turntable) -> dict[str, Any]:
     }
 
 
-def state(run: BenchRun, run_file: Run, bench: Turntable, angles: Array | None) -> dict[str, Any]:
+def state(run: BenchRun, bench: Turntable, angles: Array | None) -> dict[str, Any]:
     """Return how a run stands.
 
     Parameters
     ----------
     run : BenchRun
-    run_file : Run
-        Its own.
     bench : Turntable
     angles : (k,) array or None
         The table's, rad, at the time of the run's navigation.
@@ -88,7 +85,7 @@ def state(run: BenchRun, run_file: Run, bench: Turntable, angles: Array | None) 
             "no_angle": tally.no_angle,
             "temperature": number(run.account.temperature - ZERO_CELSIUS, 4),
         },
-        "live": _live(run, run_file),
+        "live": run.account.estimation,
         "attitude": _attitude(run, bench, angles),
     }
 
@@ -122,19 +119,10 @@ def _axis(axis: AxisState) -> dict[str, Any]:
     }
 
 
-def _live(run: BenchRun, run_file: Run) -> Literal["waits", "on", "ended", "none"]:
-    """Return how the live estimation stands; "none" where the method is not that of the filters."""
-    if run_file.method.name != METHOD.name:
-        return "none"
-    live = run.account.live
-    return "ended" if live is None else "on" if live.begun else "waits"
-
-
 def _attitude(run: BenchRun, bench: Turntable, angles: Array | None) -> dict[str, Any] | None:
     """Return the attitude by the table and beside it by the readings, as far as either is known."""
-    at, live, seen = run.account.navigation, run.account.live, run.state
-    if live is None or not live.begun:
-        at = None
+    seen = run.state
+    at = run.account.navigation if run.account.estimation == "on" else None
     if at is None and seen is not None and all(axis.homed for axis in seen.axes):
         # No samples are needed for these, nor need they be of the same time as any.
         angles = np.array([axis.angle for axis in seen.axes])

@@ -43,7 +43,7 @@ class Teller:
 
     def __init__(self, publisher: Publisher, run: Run, bench: Turntable, journal: Journal):
         self._publisher, self._bench, self._journal = publisher, bench, journal
-        self._run, sensor = run, run.sensor
+        sensor = run.sensor
         self._sizes = np.array([sensor.coefficient(name).si for name in sensor.coefficients])
         self._told = max(0, len(journal.events()) - _EVENTS)
         self._angles: Array | None = None
@@ -65,8 +65,7 @@ class Teller:
             self._judge(live)
             if monotonic() - self._estimated >= _ESTIMATES or run.sequencer.over:
                 self._estimates(live)
-        state = pictures.state(run, self._run, self._bench, self._angles)
-        self._publisher.tell("state", **state)
+        self._publisher.tell("state", **pictures.state(run, self._bench, self._angles))
 
     def events(self) -> None:
         """Tell what the journal has heard."""
