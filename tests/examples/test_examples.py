@@ -14,7 +14,7 @@ import inercal
 from inercal.host.compile import compiled
 from inercal.host.finish import finish
 from inercal.host.folder import begin
-from inercal.host.run import Addresses, BenchRun
+from inercal.host.run import BenchRun
 from inercal.host.simulated import SimulatedBench
 from inercal.io.write import write_recordings
 from inercal.pipeline import Outcome, calibrate, simulate_files
@@ -103,7 +103,7 @@ def test_the_simulated_session_is_calibrated_to_its_truth(examples: Path, name: 
 def test_the_plan_of_the_bench_is_carried_out_on_a_simulated_one(examples: Path, tmp_path: Path):
     run = read(examples / "bench" / "plan.toml")
     with SimulatedBench(run.path, seed=1) as bench:
-        addresses = Addresses(*bench.addresses)
+        addresses = bench.addresses
         # So seldom, it is over in some 10 s; compiling comes on top, once.
         folder, journal = begin(tmp_path / "run", run, addresses, poll=0.05)
         with journal:

@@ -8,7 +8,8 @@ from pathlib import Path
 
 from inercal.host.folder import Folder, begin, resumed
 from inercal.host.journal import Event
-from inercal.host.run import Addresses, BenchRun, Options
+from inercal.host.options import Options
+from inercal.host.run import BenchRun
 from inercal.host.simulated import SimulatedBench
 from inercal.runfile import Run, read
 
@@ -39,11 +40,6 @@ def plan(folder: Path, path: str = SHORT, replaced: Sequence[tuple[str, str]] = 
 def quick() -> str:
     """Return the demonstration's path of five minutes."""
     return files("inercal").joinpath("demo_path.csv").read_text(encoding="utf-8")
-
-
-def addresses(bench: SimulatedBench) -> Addresses:
-    """Return where a simulated bench is."""
-    return Addresses(*bench.addresses)
 
 
 class Interfered(BenchRun):
@@ -85,9 +81,9 @@ def carried_out(
 
     So seldom as it is polled here a run passes in a few seconds.
     """
-    made, journal = resumed(folder) if run is None else begin(folder, run, addresses(bench), poll)
+    made, journal = resumed(folder) if run is None else begin(folder, run, bench.addresses, poll)
     with journal:
-        with Interfered(made, journal, addresses(bench), options or Options()) as going:
+        with Interfered(made, journal, bench.addresses, options or Options()) as going:
             going.acts = list(acts)
             done = going.carry_out()
         return Ended(done, going, journal.events(), journal.sections())

@@ -7,15 +7,22 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from inercal.cli import bench_devices, bench_serve
-from inercal.cli.bench_options import CLOCK, PATIENCE, SPEED, TABLE, TEMPERATURE, above_zero
-from inercal.cli.bench_options import options as given
+from inercal.cli.bench_options import (
+    CLOCK,
+    PATIENCE,
+    SPEED,
+    TABLE,
+    TEMPERATURE,
+    above_zero,
+    of_runs,
+)
 
 if TYPE_CHECKING:
     from inercal.host.entering import Keeper
     from inercal.host.folder import Folder
     from inercal.host.journal import Journal
     from inercal.host.live import Live
-    from inercal.host.run import Options
+    from inercal.host.options import Options
     from inercal.store import Register
 
 NAME = "bench"
@@ -57,7 +64,7 @@ def run(
     from inercal.host.folder import begin
     from inercal.runfile import read
 
-    options = given(speed, patience, temperature)
+    options = of_runs(speed, patience, temperature)
     plan = read(run_file)
     kept = _opened(register)
     folder = out or Path(f"{run_file.stem}-{datetime.now():%Y%m%d-%H%M%S}")
@@ -81,7 +88,7 @@ def resume(
     """Go on with a run that was interrupted: the step that was in hand is repeated whole."""
     from inercal.host.folder import resumed
 
-    options = given(speed, patience, temperature)
+    options = of_runs(speed, patience, temperature)
     kept = _opened(register)
     made, journal = resumed(folder, (table, imu, clock))
     with journal:

@@ -4,7 +4,7 @@ from math import inf
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from inercal.host.run import Options
+    from inercal.host.options import Options
 
 TABLE = "pmac://HOST:1025?motors=1,2,3&counts=3600000, acutrol://…?axes=1,2,3 or motor:serial:…"
 CLOCK = "Of a simulated bench, as `simulate` says it."
@@ -40,7 +40,7 @@ def above_zero(option: str, given: float | str, otherwise: str = "") -> float:
     return value
 
 
-def options(speed: float | None, patience: float, temperature: str) -> "Options":
+def of_runs(speed: float | None, patience: float, temperature: str) -> "Options":
     """Return what was given to `--speed`, `--patience` and `--temperature`.
 
     Raises
@@ -49,7 +49,7 @@ def options(speed: float | None, patience: float, temperature: str) -> "Options"
         No number above 0, or no two temperatures of which the lower one comes first.
     """
     from inercal.errors import InputError
-    from inercal.host.run import Options
+    from inercal.host.options import Options
     from inercal.units import ZERO_CELSIUS
 
     within: tuple[float, float] | None = None

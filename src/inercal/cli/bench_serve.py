@@ -5,8 +5,7 @@ from typing import Annotated
 
 import typer
 
-from inercal.cli.bench_options import CLOCK, PATIENCE, SPEED, TEMPERATURE
-from inercal.cli.bench_options import options as given
+from inercal.cli.bench_options import CLOCK, PATIENCE, SPEED, TEMPERATURE, of_runs
 
 
 def serve(
@@ -36,7 +35,7 @@ def serve(
     """
     from inercal.errors import InputError
 
-    of_runs = given(speed, patience, temperature)
+    runs_options = of_runs(speed, patience, temperature)
     if not 0 <= port < 65536:
         raise InputError(f"--port {port}; possible: 0 to 65535")
     try:
@@ -53,4 +52,4 @@ def serve(
         raise InputError(
             f"the live page needs {error.name}; install the extra: pip install 'inercal[host]'"
         ) from error
-    served(Options(plans, runs, register, table, imu, clock, of_runs, host, port, token))
+    served(Options(plans, runs, register, table, imu, clock, runs_options, host, port, token))

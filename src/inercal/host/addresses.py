@@ -15,7 +15,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from math import isfinite
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 from urllib.parse import parse_qsl, urlencode, urlsplit
 
 from inercal.errors import InputError
@@ -36,6 +36,14 @@ _TABLES = (
     "motor:serial:PATH?baud=9600"
 )
 _MOST_MOTORS = 32
+
+
+class Addresses(NamedTuple):
+    """Where the devices are; `clock` is that of a simulated bench, empty on iron."""
+
+    table: str
+    imu: str
+    clock: str = ""
 
 
 def open_table(address: str, bench: Turntable | None, timeout: float = 1.0) -> RotaryTable:

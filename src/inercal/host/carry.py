@@ -4,9 +4,11 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 
 from inercal.errors import InercalError
+from inercal.host.addresses import Addresses
 from inercal.host.folder import Folder
 from inercal.host.journal import Journal
-from inercal.host.run import ORDINARY, SHOWN, Addresses, BenchRun, Options
+from inercal.host.options import ORDINARY, Options
+from inercal.host.run import SHOWN, BenchRun
 
 
 class Interrupted(InercalError):

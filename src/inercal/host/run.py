@@ -18,11 +18,11 @@ from datetime import datetime
 from functools import partial
 from math import degrees
 from time import monotonic
-from typing import Literal, NamedTuple, Self
+from typing import Literal, Self
 
 from inercal.errors import InercalError, InputError
 from inercal.host.account import Account
-from inercal.host.addresses import layout_of_address, open_imu, open_table
+from inercal.host.addresses import Addresses, layout_of_address, open_imu, open_table
 from inercal.host.assembly.polls import SELDOM
 from inercal.host.clock import Clock, SimulatedClock, WallClock
 from inercal.host.driven import Driven
@@ -35,6 +35,7 @@ from inercal.host.journal import Journal
 from inercal.host.link import LinkLost
 from inercal.host.listening import Listening
 from inercal.host.log import IMU, TABLE
+from inercal.host.options import ORDINARY, Options
 from inercal.host.record import turntable_of
 from inercal.host.sequencer import Command, Sequencer
 from inercal.host.states import pack
@@ -45,35 +46,6 @@ _NO_PACKET = 5.0  # s
 _AFTER = 1.0  # s that are recorded on: the last samples wait for what the table says after them
 _PATIENCE, _SIMULATED = 600.0, 10.0  # s that it looks for a table that is gone
 _GRACE = 5.0  # s to come to rest in, beside what the deceleration takes
-
-
-class Addresses(NamedTuple):
-    """Where the devices are; `clock` is that of a simulated bench, empty on iron."""
-
-    table: str
-    imu: str
-    clock: str = ""
-
-
-class Options(NamedTuple):
-    """What an operator may say of a run.
-
-    Parameters
-    ----------
-    speed : float or None
-        Most seconds of a simulated bench in one of the wall's; None is as fast as it goes.
-    temperature : (float, float) or None
-        K that the IMU must stay within.
-    patience : float
-        s that an IMU may be gone before the run ends.
-    """
-
-    speed: float | None = None
-    temperature: tuple[float, float] | None = None
-    patience: float = 120.0
-
-
-ORDINARY = Options()
 
 
 class BenchRun:

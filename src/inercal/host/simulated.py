@@ -11,6 +11,7 @@ from tempfile import TemporaryDirectory
 from typing import Literal, Self
 
 from inercal.errors import InputError
+from inercal.host.addresses import Addresses
 from inercal.host.compile import compiled
 from inercal.host.packets import read_layout
 from inercal.host.sim import motion_link
@@ -98,9 +99,9 @@ class SimulatedBench:
         self.clock = clock[0] if clock else None
 
     @property
-    def addresses(self) -> tuple[str, str, str]:
-        """Of table, IMU and clock, "" where there is none."""
-        return self.table, self.imu, self.clock or ""
+    def addresses(self) -> Addresses:
+        """Where a host finds it."""
+        return Addresses(self.table, self.imu, self.clock or "")
 
     def tell(self, which: Literal["table", "imu"], words: str) -> None:
         """Tell a process a fault; see `sim.process.obey` and `sim.mimu`.

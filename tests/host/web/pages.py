@@ -16,7 +16,7 @@ from typing import Any, Self
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
-from inercal.host.run import Options
+from inercal.host.options import Options
 from inercal.host.web.access import Access
 from inercal.host.web.choice import Choice
 from inercal.host.web.going import Going

@@ -11,7 +11,7 @@ import pytest
 
 from inercal.errors import InputError
 from inercal.host import devices
-from inercal.host.run import Options
+from inercal.host.options import Options
 from inercal.host.web import choice
 from inercal.host.web.access import Access, is_loopback
 from inercal.host.web.choice import Choice, Chosen

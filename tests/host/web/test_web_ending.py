@@ -14,8 +14,7 @@ from inercal.host.journal import Journal
 from inercal.host.web import carry
 from inercal.host.web.carry import Carrying
 from inercal.host.web.control import Control
-from inercal.host.web.ending import cut_short
-from inercal.host.web.order import Order
+from inercal.host.web.order import Order, cut_short
 from inercal.host.web.publish import Publisher
 
 NOBODY = "127.0.0.1:1"

@@ -15,7 +15,7 @@ from tests.host.web.pages import PATIENCE, SIMULATED, Page, Served, as_header, s
 from inercal.host.folder import JOURNAL, LOG
 from inercal.host.journal import Journal
 from inercal.host.log import Log
-from inercal.host.run import Options
+from inercal.host.options import Options
 from inercal.host.web import app, going, hub, people
 from inercal.host.web.order import NOTE, Order, note
 from inercal.host.web.runs import RunThere

@@ -8,7 +8,7 @@ import pytest
 
 from inercal.cli.bench_serve import serve
 from inercal.errors import InputError
-from inercal.host.run import Options
+from inercal.host.options import Options
 from inercal.host.web import server
 
 TOKEN = "correct-horse-battery"

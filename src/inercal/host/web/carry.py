@@ -7,14 +7,14 @@ from pathlib import Path
 from time import sleep
 from typing import Any
 
-from inercal.host.addresses import layout_of_address
+from inercal.host.addresses import Addresses, layout_of_address
 from inercal.host.carry import Interrupted, carried_out
 from inercal.host.compile import compiled
 from inercal.host.folder import JOURNAL, POLL, Folder, begin, resumed
 from inercal.host.journal import Journal
 from inercal.host.live import Live
 from inercal.host.record import turntable_of
-from inercal.host.run import Addresses, BenchRun
+from inercal.host.run import BenchRun
 from inercal.host.simulated import POLL as SIMULATED_POLL
 from inercal.host.simulated import STARTING, started
 from inercal.host.web import pictures, simulating
@@ -107,7 +107,7 @@ class Carrying:
             simulating.let_pass(bench, self._folder)
         if order.speed is None:
             self._beside = bench.beside()
-        return Addresses(*bench.addresses)
+        return bench.addresses
 
     def _made(self, run: Run, addresses: Addresses) -> tuple[Folder, Journal]:
         """Return the run's folder and its journal, both made if need be."""

@@ -1,6 +1,5 @@
 """How a run ends: what is made of it, the register, and what the page is told."""
 
-from typing import Any
 from urllib.parse import quote
 
 from inercal.errors import InercalError
@@ -9,33 +8,9 @@ from inercal.host.finish import finish
 from inercal.host.folder import Folder
 from inercal.host.journal import Journal
 from inercal.host.live import Live
-from inercal.host.web.order import Order
+from inercal.host.web.order import Order, Told, told
 from inercal.pipeline.judgement import judge
 from inercal.store import Register
-
-Told = dict[str, Any]
-
-
-def told(order: Order, state: str, words: str = "", **more: object) -> Told:
-    """Return what is told of an end.
-
-    Parameters
-    ----------
-    order : Order
-    state : "done", "carried out", "interrupted" or "not begun"
-        Carried out: without a calibration. Not begun: nothing was kept that could be resumed.
-    words : str
-        Why, where it is not done.
-    **more
-        "report", "calibration", "history" and "verdict", where there are any.
-    """
-    links = dict.fromkeys(("report", "calibration", "history", "verdict"))
-    return {"run": order.name, "state": state, "words": words, **links, **more}
-
-
-def cut_short(order: Order, words: str) -> Told:
-    """Return what is told of a run whose process came to nothing more."""
-    return told(order, "interrupted" if order.can_go_on else "not begun", words)
 
 
 class Ending:

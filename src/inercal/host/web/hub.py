@@ -12,12 +12,12 @@ from zlib import crc32
 
 from inercal.errors import InputError
 from inercal.host.log import driven
-from inercal.host.run import ORDINARY, Options
+from inercal.host.options import ORDINARY, Options
 from inercal.host.web.asked import Asked
 from inercal.host.web.choice import Choice, Chosen
 from inercal.host.web.going import Going
 from inercal.host.web.kept import Kept
-from inercal.host.web.order import NOTE, Order, noted
+from inercal.host.web.order import NOTE, Order, cut_short, noted
 from inercal.host.web.people import GONE, People, Viewer
 from inercal.host.web.plans import Plans
 from inercal.host.web.runs import Runs, RunThere
@@ -251,13 +251,13 @@ class Hub:
         status = await going.ended()
         self.going = None
         if not self._has_told_its_end:
-            state, since = "not begun", " before anything moved"
-            if going.order.can_go_on:
-                state = "interrupted"
-                since = "; the watchdog brings the table to rest, and the run can be resumed"
+            since = (
+                "; the watchdog brings the table to rest, and the run can be resumed"
+                if going.order.can_go_on
+                else " before anything moved"
+            )
             words = f"the run's process has ended (status {status}){since}"
-            none = dict.fromkeys(("report", "calibration", "history", "verdict"))
-            text = _text("done", run=going.order.name, state=state, words=words, **none)
+            text = _text("done", **cut_short(going.order, words))
             kept.keep("done", text)
             self._tell("done", text)
 

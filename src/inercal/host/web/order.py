@@ -1,4 +1,4 @@
-"""What a run's process is told when it starts, and what of it stays in the run's folder."""
+"""What a run's process is told, what of it stays in the run's folder, and how its end is told."""
 
 import json
 import os
@@ -12,9 +12,10 @@ import tomlkit
 from inercal.errors import InputError
 from inercal.host.folder import JOURNAL, LOG
 from inercal.host.log import driven, lock
-from inercal.host.run import ORDINARY, Options
+from inercal.host.options import ORDINARY, Options
 
 NOTE = "run.page.json"
+Told = dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -98,6 +99,28 @@ class Order:
     def can_go_on(self) -> bool:
         """Whether there is a journal by which the run can be resumed."""
         return (Path(self.folder) / JOURNAL).is_file()
+
+
+def told(order: Order, state: str, words: str = "", **more: object) -> Told:
+    """Return what is told of an end.
+
+    Parameters
+    ----------
+    order : Order
+    state : "done", "carried out", "interrupted" or "not begun"
+        Carried out: without a calibration. Not begun: nothing was kept that could be resumed.
+    words : str
+        Why, where it is not done.
+    **more
+        "report", "calibration", "history" and "verdict", where there are any.
+    """
+    links = dict.fromkeys(("report", "calibration", "history", "verdict"))
+    return {"run": order.name, "state": state, "words": words, **links, **more}
+
+
+def cut_short(order: Order, words: str) -> Told:
+    """Return what is told of a run whose process came to nothing more."""
+    return told(order, "interrupted" if order.can_go_on else "not begun", words)
 
 
 class Simulated(NamedTuple):

@@ -18,8 +18,8 @@ from urllib.parse import quote
 import uvicorn
 
 from inercal.errors import InercalError, InputError
-from inercal.host.run import ORDINARY
-from inercal.host.run import Options as OfRuns
+from inercal.host.options import ORDINARY
+from inercal.host.options import Options as OfRuns
 from inercal.host.web.access import Access, is_loopback
 from inercal.host.web.app import application
 from inercal.host.web.choice import Choice
@@ -48,7 +48,7 @@ class Options:
         Address of the register.
     table, imu, clock : str
         Addresses of devices to choose beside those that are found.
-    of_runs : inercal.host.run.Options
+    of_runs : inercal.host.options.Options
         Of each run.
     host : str
     port : int

@@ -16,8 +16,7 @@ from typing import Any
 from inercal.errors import InercalError
 from inercal.host.web.carry import Carrying
 from inercal.host.web.control import Control
-from inercal.host.web.ending import cut_short
-from inercal.host.web.order import Order
+from inercal.host.web.order import Order, cut_short
 from inercal.host.web.publish import Publisher
 
 _MOST = 1 << 16  # bytes of a line
