@@ -8,8 +8,10 @@ from inercal.estimate.loss import Cauchy, Huber
 from inercal.estimate.nullspace import NullDirection
 from inercal.estimate.problem import Problem
 from inercal.estimate.result import Estimate, Group
+from inercal.estimate.scores import Candidate, Score, Scored, Test, scored
 
 __all__ = [
+    "Candidate",
     "Cauchy",
     "Course",
     "Estimate",
@@ -19,7 +21,11 @@ __all__ = [
     "Huber",
     "NullDirection",
     "Problem",
+    "Score",
+    "Scored",
     "Smoothed",
+    "Test",
     "least_squares",
     "linear",
+    "scored",
 ]

@@ -13,6 +13,8 @@ parameter or of its typical size. That step is still taken, unless the cost rise
 promise is below rounding: of a χ² far below one, rounding is no small part.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +22,7 @@ from inercal.estimate import nullspace, steps
 from inercal.estimate.loss import Loss
 from inercal.estimate.problem import Problem
 from inercal.estimate.result import Estimate
+from inercal.estimate.scores import UNSCORED, Candidate, Scored, scored
 from inercal.estimate.system import Point, System
 
 Array = NDArray[np.float64]
@@ -104,7 +107,24 @@ def finish(
         weakest=structure.weakest,
         converged=(converged & exists)[first],
         iterations=iterations[first],
+        scored=_scored(system, point) if system.single and loss is None else UNSCORED,
     )
+
+
+def _scored(system: System, point: Point) -> Scored:
+    """Return the score tests of the problem's candidates at the solution of its one trial."""
+    if system.problem.candidates is None:
+        return UNSCORED
+    inverse, full = system.whitener(point.x)
+    width = len(system.prior_rows)
+    whitened: list[Candidate] = []
+    for one in system.problem.candidates(point.x[0]):
+        rows = inverse[0] @ one.rows if full else inverse[0][:, None] * one.rows
+        rows = np.concatenate([rows, np.zeros((width, rows.shape[1]))])
+        whitened.append(replace(one, rows=rows))
+    jacobian = np.concatenate([point.weight[0][:, None] * point.rows[0], system.prior_rows])
+    residual = np.concatenate([point.whitened[0], point.prior[0]])
+    return scored(residual, jacobian, whitened, system.basis)
 
 
 def _search(

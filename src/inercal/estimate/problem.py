@@ -5,7 +5,7 @@ residual y − h(x) and the exact derivative ∂h/∂x. Everything may carry a l
 which are separate problems of one structure.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 
 from inercal.errors import InputError
 from inercal.estimate.factors import Gauge, Gaussian
+from inercal.estimate.scores import Candidate
 
 Array = NDArray[np.float64]
 Linearise = Callable[[Array], tuple[Array, Array]]
+Candidates = Callable[[Array], Sequence[Candidate]]
 KnownNull = tuple[str, Array | Callable[[Array], Array]]
 
 
@@ -54,6 +56,10 @@ class Problem:
         (p,) or vectors (k, p) in the parameters' units, or a callable of x (p,) giving them.
     rounding : float
         Relative error of χ² by the rounding of `linearise`: a fall of less says nothing.
+    candidates : callable, optional
+        From the solution x (p,) to the parameters that the problem leaves out or takes as known,
+        with the derivatives of the observations, not whitened; each gets a score test. Called for
+        a problem without trials alone.
 
     Raises
     ------
@@ -72,6 +78,7 @@ class Problem:
     observations: tuple[str, ...] = ()
     known_nulls: tuple[KnownNull, ...] = ()
     rounding: float = 1e-12
+    candidates: Candidates | None = None
 
     def __post_init__(self) -> None:
         p = len(self.names)

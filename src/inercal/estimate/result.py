@@ -17,6 +17,7 @@ from scipy.special import chdtrc, chdtri
 from inercal.errors import InputError
 from inercal.estimate.course import Course
 from inercal.estimate.nullspace import NullDirection
+from inercal.estimate.scores import UNSCORED, Scored, Test
 from inercal.estimate.spread import Spread
 
 Array = NDArray[np.float64]
@@ -102,6 +103,10 @@ class Estimate:
         What the method has to say of the result, in words.
     courses : tuple of Course
         Of sequential estimators, how they came there (first trial).
+    tests : tuple of Test
+        Tests of the model beside that of `chi2`, or of its groups (first trial).
+    scored : Scored
+        Score tests of what was not estimated; empty where there are trials.
     """
 
     names: tuple[str, ...]
@@ -122,6 +127,8 @@ class Estimate:
     groups: tuple[Group, ...] = ()
     notes: tuple[str, ...] = ()
     courses: tuple[Course, ...] = ()
+    tests: tuple[Test, ...] = ()
+    scored: Scored = UNSCORED
 
     @classmethod
     def of_formulas(

@@ -1,0 +1,202 @@
+"""Score tests: which parameter that was not estimated would explain the residuals.
+
+Let r be the whitened residual at the solution, observations and priors together, and J its
+Jacobian. A parameter δ that the problem left out adds c δ to the observations. The estimator takes
+up the part of c that lies in the columns of J, and r shows the rest::
+
+    c' = (1 − J J⁺) c        t = c'·r / |c'|                 N(0, 1) where δ = 0
+    δ̂ = c'·r / |c'|²         sd(δ̂) = 1 / |c'|
+    shift of the estimate where δ is left out: J⁺ c δ̂
+
+A candidate with k components has t in its k directions, and |t|² is χ² with k degrees of freedom.
+|c' δ| is how visible δ is, η: no test of these data sees more of it. Two candidates whose c' are
+parallel explain the residuals equally well: no data of this kind tell them apart.
+
+Many candidates are tested at once. The smallest p-value is judged against their number (Bonferroni)
+or against the dimension of the space that they span (Scheffé), whichever is the less strict of two
+valid bounds.
+
+Source: Rao 1948, Mathematical Proceedings of the Cambridge Philosophical Society 44, 50–57 (score
+test); Scheffé 1953, Biometrika 40, 87–104 (all contrasts of a space).
+"""
+# SciPy has no stubs.
+# pyright: reportMissingTypeStubs=false
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc
+
+Array = NDArray[np.float64]
+Kind = Literal["coefficient", "bench", "row", "time"]
+
+LEVEL = 0.01  # of all tests of one estimate together
+ALIKE = np.cos(np.pi / 6)  # 30°: closer candidates cannot be told apart
+_SEEN = 1e-6  # least share of a candidate's column that the fit leaves to the residuals
+
+
+class Test(NamedTuple):
+    """One test of the model: its statistic is χ² of `dof` degrees of freedom if the model holds."""
+
+    name: str
+    statistic: float
+    dof: int
+
+    @property
+    def p_value(self) -> float:
+        """Probability of a statistic at least as large where the model holds."""
+        return float(chdtrc(self.dof, self.statistic)) if self.dof > 0 else 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A parameter, or parameters of one kind, that the problem left out or took as known.
+
+    Parameters
+    ----------
+    name : str
+        What a report calls it: "k3", "ax.k3", "radius", "position x_p".
+    kind : "coefficient", "bench", "row" or "time"
+        Of the sensor, of the bench, one row of the data, or a change over the run.
+    components : tuple of k str
+        Full names of the parameters.
+    units : tuple of k str
+        SI.
+    rows : (m, k) array
+        ∂(observations)/∂(component).
+    """
+
+    name: str
+    kind: Kind
+    components: tuple[str, ...]
+    units: tuple[str, ...]
+    rows: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Score:
+    """The score test of one candidate.
+
+    Parameters
+    ----------
+    name, kind, components, units
+        Of the candidate.
+    size, sd : (k,) array
+        The components' estimate if they were estimated, and its standard deviation, SI; NaN where
+        the data leave a combination of them open.
+    chi2 : float
+        By how much χ² would fall.
+    dof : int
+        Directions of the candidate that the data show, at most k; 0 if none.
+    shift : (p,) array
+        By how much `size` moved the estimate of each parameter, SI.
+    explained : (m,) array
+        The part of the whitened residual that the candidate explains.
+    """
+
+    name: str
+    kind: Kind
+    components: tuple[str, ...]
+    units: tuple[str, ...]
+    size: Array
+    sd: Array
+    chi2: float
+    dof: int
+    shift: Array
+    explained: Array
+
+    @property
+    def p_value(self) -> float:
+        """Probability of a fall of χ² at least as large where the candidate is zero."""
+        return float(chdtrc(self.dof, self.chi2)) if self.dof > 0 else 1.0
+
+    def cosine(self, other: "Score") -> float:
+        """Return |cos| of the angle between what both explain; 0 where one explains nothing."""
+        product = np.linalg.norm(self.explained) * np.linalg.norm(other.explained)
+        return float(abs(self.explained @ other.explained) / product) if product > 0 else 0.0
+
+
+class Scored(NamedTuple):
+    """All candidates of one estimate: their scores, and the dimension of the space they span."""
+
+    scores: tuple[Score, ...] = ()
+    span: int = 0
+
+    def adjusted(self, score: Score) -> float:
+        """Return the p-value of a score that holds for all candidates together."""
+        if not score.dof:
+            return 1.0
+        count = sum(one.dof > 0 for one in self.scores)
+        return min(1.0, count * score.p_value, float(chdtrc(self.span, score.chi2)))
+
+
+UNSCORED = Scored()
+
+
+def scored(
+    residual: Array, jacobian: Array, candidates: Sequence[Candidate], to: Array | None = None
+) -> Scored:
+    """Return the score tests of candidates.
+
+    Parameters
+    ----------
+    residual : (m,) array
+        Whitened, at the solution; rows of priors included.
+    jacobian : (m, p) array
+        ∂h/∂x of the same rows, whitened.
+    candidates : sequence of Candidate
+        With whitened rows, (m, k); zero in the rows of priors.
+    to : (q, p) array, optional
+        From the p coordinates of `jacobian` to the parameters whose shift is wanted.
+    """
+    length = np.linalg.norm(jacobian, axis=0)
+    length = np.where(length > 0, length, 1.0)
+    q, triangle = np.linalg.qr(jacobian / length)
+    back = np.linalg.pinv(triangle) / length[:, None]
+    made: list[Score] = []
+    spanned: list[Array] = []
+    for one in candidates:
+        whole = np.linalg.norm(one.rows, axis=0)
+        whole = np.where(whole > 0, whole, 1.0)
+        columns = one.rows / whole
+        taken = q.T @ columns
+        left = columns - q @ taken
+        left -= q @ (q.T @ left)  # once more: what is left may be a millionth of the column
+        u, s, v = np.linalg.svd(left, full_matrices=False)
+        shown = s > _SEEN
+        k = int(shown.sum())
+        u, s, v = u[:, :k], s[:k], v[:k]
+        t = u.T @ residual
+        size, sd = v.T @ (t / s), np.sqrt(np.sum((v.T / s) ** 2, axis=1))
+        shift = back @ (taken @ size)
+        open_ = np.linalg.norm(v, axis=0) < 1 - 1e-6 if k else np.ones(len(whole), dtype=bool)
+        spanned.append(u)
+        made.append(
+            Score(
+                one.name,
+                one.kind,
+                one.components,
+                one.units,
+                np.where(open_, np.nan, size / whole),
+                np.where(open_, np.nan, sd / whole),
+                float(t @ t),
+                k,
+                shift if to is None else to @ shift,
+                u @ t,
+            )
+        )
+    return Scored(tuple(made), _rank(spanned))
+
+
+def _rank(spaces: Sequence[Array]) -> int:
+    """Return the dimension of the sum of spaces, each by an orthonormal basis (m, k)."""
+    columns = [space for space in spaces if space.shape[1]]
+    if not columns:
+        return 0
+    whole = np.concatenate(columns, axis=1)
+    gram = whole @ whole.T if whole.shape[0] <= whole.shape[1] else whole.T @ whole
+    values = np.linalg.eigvalsh(gram)
+    return int(np.sum(values > 1e-9 * values[-1]))

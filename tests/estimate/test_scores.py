@@ -1,0 +1,101 @@
+"""Score tests, held to what a fit with the candidate among its parameters gives."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.stats import kstest, norm
+
+from inercal.estimate import Candidate, Gaussian, Problem, least_squares, scored
+
+Array = NDArray[np.float64]
+
+
+def candidate(name: str, rows: Array) -> Candidate:
+    k = rows.shape[1]
+    names = tuple(f"{name}{i}" for i in range(k))
+    return Candidate(name, "coefficient", names, ("1",) * k, rows)
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(7)
+
+
+def test_fall_size_and_shift_are_those_of_the_fit_with_the_candidate(
+    rng: np.random.Generator,
+) -> None:
+    design, extra = rng.standard_normal((20, 4)), rng.standard_normal((20, 2))
+    y = design @ np.arange(4.0) + extra @ [0.7, -0.4] + rng.standard_normal(20)
+    first = np.linalg.lstsq(design, y)[0]
+    whole = np.linalg.lstsq(np.column_stack([design, extra]), y)[0]
+    fall = np.sum((y - design @ first) ** 2)
+    fall -= np.sum((y - np.column_stack([design, extra]) @ whole) ** 2)
+    (score,) = scored(y - design @ first, design, [candidate("c", extra)]).scores
+    assert score.chi2 == pytest.approx(fall, rel=1e-12)
+    assert score.dof == 2
+    np.testing.assert_allclose(score.size, whole[4:], rtol=1e-10)
+    np.testing.assert_allclose(score.shift, first - whole[:4], rtol=1e-10)
+
+
+def test_what_the_fit_takes_up_whole_is_not_shown(rng: np.random.Generator) -> None:
+    design = rng.standard_normal((20, 4))
+    residual = rng.standard_normal(20)
+    (score,) = scored(residual, design, [candidate("c", design[:, :1] * 3.0)]).scores
+    assert score.dof == 0
+    assert score.p_value == 1.0
+    assert np.isnan(score.size).all()
+
+
+def test_half_of_a_pair_that_is_shown_leaves_sizes_open(rng: np.random.Generator) -> None:
+    design = rng.standard_normal((20, 4))
+    both = np.column_stack([rng.standard_normal(20), design[:, 0]])
+    (score,) = scored(rng.standard_normal(20), design, [candidate("c", both)]).scores
+    assert score.dof == 1
+    assert np.isnan(score.size).tolist() == [False, True]
+
+
+def test_a_prior_of_the_solver_is_part_of_the_projection(rng: np.random.Generator) -> None:
+    design, extra = rng.standard_normal((12, 3)), rng.standard_normal((12, 1))
+    sd = np.linspace(0.5, 2.0, 12)
+    y = design @ [1.0, 2.0, 3.0] + sd * rng.standard_normal(12)
+    prior = Gaussian.independent(("a",), [1.0], [0.01])
+
+    def problem(columns: Array, names: tuple[str, ...], candidates: bool) -> Problem:
+        return Problem(
+            names, np.zeros(len(names)), lambda x: (y - x @ columns.T, columns), sd,
+            np.ones(len(names)), (prior,),
+            candidates=(lambda _: [candidate("d", extra)]) if candidates else None,
+        )  # fmt: skip
+
+    small = least_squares(problem(design, ("a", "b", "c"), True))
+    large = least_squares(problem(np.column_stack([design, extra]), ("a", "b", "c", "d"), False))
+    (score,) = small.scored.scores
+    assert score.chi2 == pytest.approx(float(small.chi2 - large.chi2), rel=1e-9)
+    np.testing.assert_allclose(score.size, large.value[3:], rtol=1e-9)
+    np.testing.assert_allclose(score.sd, large.std[3:] / large.birge, rtol=1e-9)
+    np.testing.assert_allclose(score.shift, small.value - large.value[:3], rtol=1e-9)
+
+
+def test_scores_are_normal_and_the_adjusted_level_holds(rng: np.random.Generator) -> None:
+    design = rng.standard_normal((15, 5))
+    basis = np.linalg.qr(design)[0]
+    candidates = [candidate(f"c{k}", rng.standard_normal((15, 1))) for k in range(30)]
+    least: list[float] = []
+    t: list[float] = []
+    for _ in range(1500):
+        noise = rng.standard_normal(15)
+        result = scored(noise - basis @ (basis.T @ noise), design, candidates)
+        assert result.span == 10
+        t.append(float(result.scores[0].size[0] / result.scores[0].sd[0]))
+        least.append(min(result.adjusted(one) for one in result.scores))
+    assert kstest(t, norm.cdf).pvalue > 1e-3
+    # Both bounds are strict: no more false alarms than the level, within 99.9 % of a binomial.
+    assert np.mean(np.array(least) < 0.05) < 0.05 + 3.3 * np.sqrt(0.05 * 0.95 / 1500)
+
+
+def test_parallel_candidates_have_a_cosine_of_one(rng: np.random.Generator) -> None:
+    design, one = rng.standard_normal((20, 4)), rng.standard_normal((20, 1))
+    alike = one + design @ rng.standard_normal((4, 1))
+    both = scored(rng.standard_normal(20), design, [candidate("a", one), candidate("b", alike)])
+    assert both.scores[0].cosine(both.scores[1]) == pytest.approx(1.0, abs=1e-12)
+    assert both.span == 1
