@@ -15,6 +15,7 @@ from inercal.benches import Hand
 from inercal.benches.hand import felt
 from inercal.errors import NotObserved
 from inercal.estimate import Estimate, Gaussian, Problem, least_squares
+from inercal.methods import candidates
 from inercal.methods.curvature import Curvature, of_tilts
 from inercal.methods.observed import not_observed, require_observed, require_separated
 from inercal.motion import Motion
@@ -76,10 +77,13 @@ def problem(
     done: Sequence[HandStep],
     priors: Sequence[Gaussian] = (),
     curvature: Curvature | None = None,
+    *,
+    freed: bool = False,
 ) -> Problem:
     """Return the estimation problem; `done` are the steps of the rows, in their order.
 
-    `curvature` corrects the readings for the second order of the tilts, once that is known.
+    `curvature` corrects the readings for the second order of the tilts, once that is known; `freed`
+    has columns of the bench's exact parameters too, for the candidates of the score tests.
     """
     mean = observations.mean
     if curvature is None:
@@ -88,7 +92,8 @@ def problem(
         mean = mean - curvature.shift
         noise = observations.full_covariance + curvature.covariance
     rates = any(axis.measures == "w" for axis in sensor.axes)
-    declared = bench.nuisances(done, rates=rates)
+    stated = bench.nuisances(done, rates=rates)
+    declared = candidates.freed(stated) if freed else stated
     loose = {name: p for name, p in declared.items() if p.sd > _EXACT}
     known = {name: np.array(p.value) for name, p in declared.items() if name not in loose}
     forces = [f"force_{a}[{step.label}]" for step in done if isinstance(step, Turn) for a in "xyz"]
@@ -121,6 +126,11 @@ def problem(
         motion = Motion(f, w) if rates else Motion(f)
         return vector(sensor, mean, x[..., :p], motion, df, dw if rates else None)
 
+    def larger() -> Problem:
+        return problem(
+            observations, candidates.extended(sensor), bench, done, curvature=curvature, freed=True
+        )
+
     position = {name: k for k, name in enumerate(names[p:])}
     sizes = [_NATURAL[parameter.unit] for parameter in loose.values()]
     bench_prior = Gaussian.independent(
@@ -137,6 +147,7 @@ def problem(
         priors=(bench_prior, *priors) if loose else tuple(priors),
         wanted=sensor.coefficients,
         observations=tuple(f"{a}[{row}]" for row in observations.labels for a in sensor.channels),
+        candidates=candidates.of_means(larger, names, sensor, stated, observations.time),
     )
 
 

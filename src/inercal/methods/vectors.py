@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from inercal.errors import InputError
 from inercal.estimate import Gauge, Gaussian, Problem
+from inercal.methods import candidates
 from inercal.motion import Motion
 from inercal.observe import vector
 from inercal.parameters import Parameter
@@ -89,6 +90,7 @@ def problem(
     added: Mapping[str, Array] | None = None,
     dwells: Callable[[Array, Felt], Array] | None = None,
     gauges: tuple[Gauge, ...] = (),
+    timed: bool = False,
 ) -> Problem:
     """Return the problem of all readings.
 
@@ -109,6 +111,8 @@ def problem(
     dwells : callable, optional
         From coefficients and what was felt to a covariance that is added to that of the means.
     gauges : tuple of Gauge
+    timed : bool
+        Whether a drift of the biases over the rows' times is a candidate of the score tests.
     """
     p = len(sensor.coefficients)
     loose, known = split(declared)
@@ -136,11 +140,17 @@ def problem(
     def noise(x: Array) -> Array:
         return full if dwells is None else full + dwells(x[..., :p], felt(x))
 
+    def larger() -> Problem:
+        return problem(
+            observations, candidates.extended(sensor), candidates.freed(declared), feel, added=added
+        )
+
     first = start(p, loose)
+    names = (*sensor.coefficients, *loose)
     read = np.abs(observations.mean).reshape(*observations.mean.shape[:-2], -1)
     largest = read / np.sqrt(np.diagonal(noise(first), axis1=-2, axis2=-1))
     return Problem(
-        names=(*sensor.coefficients, *loose),
+        names=names,
         start=first,
         linearise=linearise,
         noise=full if dwells is None else noise,
@@ -150,6 +160,9 @@ def problem(
         wanted=sensor.coefficients,
         observations=tuple(f"{a}[{row}]" for row in observations.labels for a in sensor.channels),
         rounding=float(np.max(largest)) * ROUNDING,
+        candidates=candidates.of_means(
+            larger, names, sensor, declared, observations.time if timed else None
+        ),
     )
 
 

@@ -1,0 +1,186 @@
+"""What a problem of means leaves out or takes as known: the candidates of its score tests.
+
+The candidates are read off an extended problem: the same observations, the sensor with every
+coefficient of its table, every declared parameter of the bench free. Its Jacobian at the solution
+holds a column for each, exact as those of the fit. A coefficient that was not estimated has its
+value there, zero. A parameter of the bench that was estimated within its stated deviation is a
+candidate too, by its column without its prior: a departure far beyond what was stated shows so.
+
+Further candidates are single rows, whose readings may be anything, and a drift of the biases over
+the run, linear in time.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.estimate import Candidate, Problem
+from inercal.parameters import Parameter
+from inercal.sensors import SI_UNITS, Sensor
+
+Array = NDArray[np.float64]
+
+# Parameters of these scopes act on many rows; those of one position are seen as its row.
+_SHARED = ("run", "speed", "mounting", "pass")
+# Nothing of a temperature is in the rows of a problem of means.
+_LEFT_OUT = ("temperature",)
+_SI = {"f": "m/s²", "w": "rad/s"}
+
+
+def extended(sensor: Sensor) -> Sensor:
+    """Return the sensor with every coefficient of its axes' tables, those chosen first."""
+    groups = ("bias", "scale", "misalignment", "nonlinearity", "asymmetry", "cross", "rotation")
+    kinds = {axis.measures for axis in sensor.axes}
+    own = {"f": (*groups, "arm"), "w": (*groups[:5], "g", "g2")}
+    words = {
+        word
+        for kind in kinds
+        for word in own[kind]
+        if kind == "f" or word not in ("cross", "rotation")
+    }
+    everything = sensor.with_coefficients(*sorted(words)).coefficients
+    more = tuple(name for name in everything if name not in sensor.coefficients)
+    return replace(sensor, coefficients=(*sensor.coefficients, *more))
+
+
+def freed(declared: Mapping[str, Parameter]) -> dict[str, Parameter]:
+    """Return the bench's parameters with a deviation each, so that a problem has their columns."""
+    return {n: q if q.sd > 0 else replace(q, sd=1.0) for n, q in declared.items()}
+
+
+def of_means(
+    problem: Callable[[], Problem],
+    names: Sequence[str],
+    sensor: Sensor,
+    declared: Mapping[str, Parameter],
+    time: Array | None = None,
+) -> Callable[[Array], Sequence[Candidate]]:
+    """Return what `Problem.candidates` takes, for a problem of mean readings or of norms.
+
+    Parameters
+    ----------
+    problem : callable
+        Returns the extended problem, of `extended(sensor)` and `freed(declared)`; observations are
+        labelled "ax[row]" by channel and row, or "row" alone.
+    names : sequence of str
+        The parameters of the problem that is solved.
+    sensor : Sensor
+        With the coefficients that are estimated.
+    declared : mapping of str to Parameter
+        The bench's parameters by full name.
+    time : (r,) array, optional
+        s, of each row, where a drift of the biases is a candidate.
+    """
+
+    def candidates(x: Array) -> list[Candidate]:
+        larger = problem()
+        at = dict(zip(names, x.tolist(), strict=True))
+        start = larger.start.reshape(-1, len(larger.names))[0]
+        there = np.array([at.get(n, s) for n, s in zip(larger.names, start, strict=True)])
+        _, jacobian = larger.linearise(there)
+        column = dict(zip(larger.names, jacobian.reshape(-1, len(larger.names)).T, strict=True))
+        return [
+            *_of_sensor(sensor, names, column),
+            *of_bench(declared, column),
+            *of_rows(larger.observations, sensor),
+            *(() if time is None else of_drift(larger.observations, sensor, time)),
+        ]
+
+    return candidates
+
+
+def _of_sensor(
+    sensor: Sensor, names: Sequence[str], column: Mapping[str, Array]
+) -> list[Candidate]:
+    """Return the coefficients that are not estimated: those of a kind together, and each alone."""
+    larger = extended(sensor)
+    families: dict[tuple[str, str], list[str]] = {}
+    for full in larger.coefficients:
+        axis, _, short = full.partition(".")
+        if full in names or full not in column or not np.any(column[full]):
+            continue
+        measures = next(a.measures for a in sensor.axes if a.name == axis)
+        families.setdefault((measures, short), []).append(full)
+    made: list[Candidate] = []
+    for (_, short), members in families.items():
+        units = {full: SI_UNITS[larger.coefficient(full).unit] for full in members}
+        together = [(short, tuple(members))] if len(members) > 1 else []
+        for name, chosen in (*together, *((full, (full,)) for full in members)):
+            rows = np.stack([column[full] for full in chosen], axis=-1)
+            made.append(
+                Candidate(name, "coefficient", chosen, tuple(units[n] for n in chosen), rows)
+            )
+    return made
+
+
+def of_bench(declared: Mapping[str, Parameter], column: Mapping[str, Array]) -> list[Candidate]:
+    """Return the parameters of the bench that act on many rows, by their columns (m,)."""
+    return [
+        Candidate(name, "bench", (name,), (parameter.unit,), column[name][:, None])
+        for name, parameter in declared.items()
+        if parameter.scope in _SHARED and name in column and np.any(column[name])
+    ]
+
+
+def of_rows(observations: Sequence[str], sensor: Sensor) -> list[Candidate]:
+    """Return each row by itself: its readings may be anything."""
+    channels = {axis.name: _SI[axis.measures] for axis in sensor.axes}
+    rows: dict[str, list[int]] = {}
+    for k, label in enumerate(observations):
+        rows.setdefault(_row(label, channels), []).append(k)
+    made: list[Candidate] = []
+    for row, places in rows.items():
+        columns = np.zeros((len(observations), len(places)))
+        columns[places, range(len(places))] = 1.0
+        names = tuple(observations[k] for k in places)
+        units = tuple(channels.get(name.partition("[")[0], "m/s²") for name in names)
+        made.append(Candidate(row, "row", names, units, columns))
+    return made
+
+
+def of_drift(observations: Sequence[str], sensor: Sensor, time: Array) -> list[Candidate]:
+    """Return a drift of the biases over the run, linear in time, from its first row to its last.
+
+    Of the axes of a kind together, and of each alone. None where there is no span of time.
+    """
+    span = float(np.ptp(time))
+    channels = {axis.name: axis.measures for axis in sensor.axes}
+    labels = list(dict.fromkeys(_row(label, channels) for label in observations))
+    if not span > 0 or len(labels) != len(time) or len(time) < 3:
+        return []
+    of_row = dict(zip(labels, (time - time.mean()) / span, strict=True))
+    columns: dict[str, Array] = {}
+    for channel in channels:
+        shape = np.zeros(len(observations))
+        for k, label in enumerate(observations):
+            if label.partition("[")[0] == channel:
+                shape[k] = of_row[_row(label, channels)]
+        if np.any(shape):
+            columns[channel] = shape
+    made: list[Candidate] = []
+    for kind, unit in _SI.items():
+        own = [channel for channel in columns if channels[channel] == kind]
+        if len(own) > 1:
+            word = "accelerometers" if kind == "f" else "gyros"
+            made.append(
+                Candidate(
+                    f"drift of {word}",
+                    "time",
+                    tuple(f"drift of {channel}" for channel in own),
+                    (unit,) * len(own),
+                    np.stack([columns[channel] for channel in own], axis=-1),
+                )
+            )
+        made += [
+            Candidate(f"drift of {c}", "time", (f"drift of {c}",), (unit,), columns[c][:, None])
+            for c in own
+        ]
+    return made
+
+
+def _row(label: str, channels: Mapping[str, str]) -> str:
+    """Return the row of an observation labelled "ax[row]", or its whole label."""
+    channel, bracket, rest = label.partition("[")
+    return rest.removesuffix("]") if bracket and channel in channels else label
