@@ -23,7 +23,7 @@ test); Scheffé 1953, Biometrika 40, 87–104 (all contrasts of a space).
 # pyright: reportMissingTypeStubs=false
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -74,6 +74,16 @@ class Candidate:
     components: tuple[str, ...]
     units: tuple[str, ...]
     rows: Array
+
+    def of_nonzero(self) -> "Candidate":
+        """Return the candidate without the components that act on no observation."""
+        acting = np.flatnonzero(np.any(self.rows != 0.0, axis=0))
+        return replace(
+            self,
+            components=tuple(self.components[k] for k in acting),
+            units=tuple(self.units[k] for k in acting),
+            rows=self.rows[:, acting],
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,14 +5,14 @@ with their stated deviations.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import zip_longest
 
 import numpy as np
 from numpy.typing import NDArray
 
 from inercal.errors import InputError
-from inercal.estimate import Gauge, Gaussian, Problem
+from inercal.estimate import Candidate, Gauge, Gaussian, Problem
 from inercal.methods import candidates
 from inercal.motion import Motion
 from inercal.observe import vector
@@ -163,6 +163,36 @@ def problem(
         candidates=candidates.of_means(
             larger, names, sensor, declared, observations.time if timed else None
         ),
+    )
+
+
+def some_rows(whole: Problem, at: NDArray[np.intp]) -> Problem:
+    """Return the problem of some of a problem's observations alone.
+
+    Parameters
+    ----------
+    whole : Problem
+        Its noise is one covariance for all x.
+    at : (k,) array of int
+        Places of the observations that are kept.
+    """
+    assert not callable(whole.noise)
+
+    def linearise(x: Array) -> tuple[Array, Array]:
+        residual, jacobian = whole.linearise(x)
+        return residual[..., at], jacobian[..., at, :]
+
+    def candidates(x: Array) -> list[Candidate]:
+        assert whole.candidates is not None
+        kept = (replace(one, rows=one.rows[at]) for one in whole.candidates(x))
+        return [one.of_nonzero() for one in kept if np.any(one.rows)]
+
+    return replace(
+        whole,
+        linearise=linearise,
+        noise=whole.noise[..., at[:, None], at],
+        observations=tuple(whole.observations[k] for k in at.tolist()),
+        candidates=candidates if whole.candidates else None,
     )
 
 

@@ -110,18 +110,7 @@ def problem(
     turns = np.array([len(way.time) > 1 for way in ways])
     forces = np.array([axis.measures == "f" for axis in sensor.axes])
     at = np.flatnonzero(~(turns[:, None] & forces))
-    assert not callable(whole.noise)
-
-    def linearise(x: Array) -> tuple[Array, Array]:
-        residual, jacobian = whole.linearise(x)
-        return residual[..., at], jacobian[..., at, :]
-
-    return replace(
-        whole,
-        linearise=linearise,
-        noise=whole.noise[..., at[:, None], at],
-        observations=tuple(whole.observations[k] for k in at),
-    )
+    return vectors.some_rows(whole, at)
 
 
 def drift_covariance(
