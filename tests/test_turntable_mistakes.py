@@ -12,7 +12,6 @@ from tests.test_turntable_runs import Change, path_of, refused, run_of
 from inercal.errors import InputError
 from inercal.io.write import write_recording
 from inercal.pipeline import Outcome, calibrate, named_as_in, simulate
-from inercal.pipeline.judgement import judge
 from inercal.recording import Recording
 from inercal.runfile import Run
 
@@ -123,7 +122,7 @@ def test_a_lean_far_from_what_is_stated_is_told(tmp_path: Path, plain: Outcome):
 def test_innovations_twice_as_large_as_stated_are_not_relied_on(tmp_path: Path, made: Recording):
     changes = ('"0.1 °/√h"', '"0.003 °/√h"'), ('"60 µg/√Hz"', '"2 µg/√Hz"')
     outcome = calibrate(unlike(tmp_path, made, *changes))
-    assert judge(outcome).tone == "bad"
+    assert outcome.verdict.grade == "unreliable"
 
 
 def reversed_(one: Recording, *names: str) -> Recording:

@@ -26,6 +26,7 @@ DOCUMENTED = {
     "conditions",
     "provenance",
     "notes",
+    "verdict",
     "sha256",
 }
 
@@ -182,7 +183,7 @@ def test_report_writes_the_page_alone(run: Path, tmp_path: Path, said: Callable[
     page = tmp_path / "page.html"
     printed = json.loads(said("report", run, "--out", page, "--json"))
     assert printed["report"] == str(page)
-    assert "data agree" in printed["verdict"][0]
+    assert printed["verdict"]["grade"] == "consistent"
     assert names(tmp_path) == {"run.toml", "log.csv", "page.html"}
 
 

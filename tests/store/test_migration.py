@@ -31,7 +31,7 @@ def test_migrations_lead_to_the_tables_of_this_version(address: str):
     with engine.connect() as db:
         context = MigrationContext.configure(db, opts={"version_table": VERSION_TABLE})
         assert compare_metadata(context, metadata) == []
-        assert context.get_current_revision() == "0001"
+        assert context.get_current_revision() == "0002"
     engine.dispose()
 
 
@@ -49,7 +49,7 @@ def test_a_newer_register_is_refused_and_left_as_it_is(address: str):
     with pytest.raises(InputError, match=r"newer version of inercal .* \(revision 9999;") as said:
         Register(address)
     assert "\n" not in str(said.value)
-    revised(address, "0001")
+    revised(address, "0002")
     Register(address).close()
 
 

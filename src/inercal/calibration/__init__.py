@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.calibration.forms import Converted, Frame, ieee1293, reform, reframe
+from inercal.calibration.grade import Verdict
 from inercal.errors import InputError
 from inercal.motion import Motion
 from inercal.recording import Recording
@@ -39,6 +40,8 @@ class Calibration:
         Body frame that the misalignments refer to; see `in_frame`.
     mount : (3, 3) array
         Rotation that takes vectors from the mounting frame to this frame.
+    verdict : Verdict or None
+        How far the result can be relied on; None where a file does not say.
     """
 
     sensor: Sensor
@@ -51,6 +54,7 @@ class Calibration:
     notes: tuple[str, ...] = ()
     frame: Frame = "mount"
     mount: Array = field(default_factory=lambda: np.eye(3))
+    verdict: Verdict | None = None
 
     def __post_init__(self) -> None:
         p = len(self.sensor.coefficients)

@@ -2,7 +2,8 @@
 
 Schema "inercal/calibration/1": `sensor` (axes with input and pendulous axes, readout),
 `coefficients` (a list of name, value, std, unit; SI), `covariance` in that order, `conditions`,
-`provenance`, `notes`, `frame`, `mount`, and `sha256`, the hash of all the rest.
+`provenance`, `notes`, `frame`, `mount`, `verdict` (grade, reasons, tests, suspect; files written
+before it was there have none), and `sha256`, the hash of all the rest.
 """
 
 import hashlib
@@ -12,7 +13,7 @@ from typing import Any, cast, get_args
 
 import numpy as np
 
-from inercal.calibration import Calibration, Frame
+from inercal.calibration import Calibration, Frame, grade
 from inercal.errors import InercalError, InputError
 from inercal.io.atomic import atomic_write
 from inercal.sensors import SI_UNITS, Axis, Form, Readout, Sensor
@@ -60,6 +61,8 @@ def as_object(calibration: Calibration) -> dict[str, Any]:
         "provenance": dict(calibration.provenance),
         "notes": list(calibration.notes),
     }
+    if calibration.verdict is not None:
+        content["verdict"] = grade.as_object(calibration.verdict)
     return content | {"sha256": _hash(content)}
 
 
@@ -160,6 +163,7 @@ def _from_object(content: dict[str, Any]) -> Calibration:
             raise InputError(f"{name} {value!r} is none of {', '.join(possible)}")
     if mount.shape != (3, 3):
         raise InputError(f"mount has shape {mount.shape}, not (3, 3)")
+    notes, judged = tuple(content["notes"]), content.get("verdict")
     return Calibration(
         sensor,
         np.array([c["value"] for c in content["coefficients"]], dtype=float),
@@ -168,7 +172,8 @@ def _from_object(content: dict[str, Any]) -> Calibration:
         content["estimator"],
         content["conditions"],
         content["provenance"],
-        tuple(content["notes"]),
+        notes,
         content["frame"],
         mount,
+        None if judged is None else grade.from_object(judged, notes),
     )

@@ -1,30 +1,42 @@
-"""What the result says and what it does not know, in plain words, computed from the numbers."""
+"""The verdict in plain words, computed from the numbers; its rule stands in `grade`."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
 
+from inercal.calibration.grade import (
+    COVERAGE,
+    Assessment,
+    Suspect,
+    Verdict,
+    assess,
+    is_far,
+    verdict_of,
+)
 from inercal.estimate import Estimate
+from inercal.estimate.scores import LEVEL
 from inercal.parameters import Parameter
 from inercal.recording import Finding
 from inercal.sensors import Sensor
-from inercal.units import digits
+from inercal.sensors.tables import TABLES, Coefficient
+from inercal.units import digits, readable
 
-_LEAST = 1e-99  # probability that is still told
+_LEAST = 1e-99  # smallest probability that is printed
+_SHOWN = {"rad": "″", "m/s²": "µg", "rad/s": "°/h", "m": "mm", "s": "ms", "1": "ppm"}
+_LISTED = 6  # candidates that a line lists
 NOTHING: Mapping[str, Parameter] = MappingProxyType({})
-COVERAGE = 2.0  # U = k u; about 95 % for the degrees of freedom met here
 
 
 def verdict(
     estimate: Estimate,
     sensor: Sensor,
     findings: Sequence[Finding],
-    estimator: str,
     expected: Mapping[str, Parameter] = NOTHING,
-    sought: str = "position or turn",
-) -> tuple[str, ...]:
-    """Return lines; the first is the summary.
+    possible: Collection[str] = (),
+    row_word: str = "position or turn",
+) -> Verdict:
+    """Return the verdict; its first line is the summary.
 
     Parameters
     ----------
@@ -32,75 +44,92 @@ def verdict(
         Without a trial axis.
     sensor : Sensor
     findings : sequence of Finding
-    estimator : str
     expected : mapping of str to Parameter, optional
         The bench's parameters by full name, as they were stated.
-    sought : str
-        What may stick out where the data do not agree.
+    possible : collection of str, optional
+        Full names of the coefficients that the method can estimate.
+    row_word : str
+        What a row of the data is called: "position or turn".
     """
     p = len(sensor.coefficients)
-    lines: list[str] = []
-    if estimate.groups:
-        lines += _by_group(estimate, p)
-    elif not estimate.dof:
+    assessment = assess(estimate, p)
+    lines = _summary(estimate, assessment, p)
+    if assessment.suspect is not None:
+        lines += _suspect(assessment.suspect, sensor, expected, possible, row_word)
+    elif assessment.scores_reject:
         lines.append(
-            f"{p} coefficients found; this estimator makes no test of how well the data agree"
+            "no single coefficient, bench parameter or row explains the residuals: the noise is "
+            "larger than stated, or something changes from row to row"
         )
-    elif estimate.consistent:
-        lines.append(
-            f"{p} coefficients found; the data agree with the stated noise and bench "
-            f"(χ² = {estimate.chi2:.1f} with {estimate.dof} degrees of freedom, "
-            f"p = {float(estimate.p_value):.2f})"
-        )
-    else:
-        lines.append(
-            f"{p} coefficients found, but the residuals are larger than noise and bench allow "
-            f"(χ² = {estimate.chi2:.1f} with {estimate.dof} degrees of freedom, "
-            f"p {chance(float(estimate.p_value))}): all uncertainties are scaled by "
-            f"{float(estimate.birge):.2f}; look for the {sought} that sticks out among the "
-            f"residuals and the bench's errors{_largest(estimate, expected)}"
-        )
+    lines += _row(assessment, row_word)
+    if not (estimate.consistent or estimate.groups):
+        lines += _pulls(estimate, expected)
     if estimate.dof or estimate.groups:
         lines += _leading(estimate, sensor)
-    lines += [
-        f"{name} comes out at {1 + value:.3g} times nominal: the axis is reversed or the nominal "
-        "scale is wrong"
+    scales = {
+        name: 1 + float(value)
         for name, value in zip(sensor.coefficients, estimate.value[:p], strict=True)
-        if name.partition(".")[2] in ("k1", "scale") and not 0.5 < 1 + value < 2
+        if name.partition(".")[2] in ("k1", "scale") and is_far(1 + float(value))
+    }
+    lines += [
+        f"{name} comes out at {scale:.3g} times nominal: the axis is reversed or the nominal "
+        "scale is wrong"
+        for name, scale in scales.items()
     ]
     lines += estimate.notes
     lines += [f.message for f in findings if f.severity == "warning"]
-    return tuple(lines)
+    return verdict_of(estimate, assessment, findings, tuple(scales), tuple(lines))
 
 
-def _largest(estimate: Estimate, expected: Mapping[str, Parameter]) -> str:
-    """Name the largest residual, and what of the bench is farthest from what was stated."""
-    told: list[str] = []
-    if estimate.observations:
-        worst = int(np.argmax(np.abs(estimate.whitened)))
-        part, _, row = estimate.observations[worst].rstrip("]").partition("[")
-        size = digits(0.0, abs(float(estimate.whitened[worst])))[1]
-        told.append(f"{f'{row} {part}'.strip()}, {size} standard deviations")
-    pulls = {
-        name: abs(float(value - expected[name].value)) / expected[name].sd
-        for name, value in zip(estimate.names, estimate.value, strict=True)
-        if name in expected and expected[name].sd > 0
-    }
-    if pulls:
-        name = max(pulls, key=lambda one: pulls[one])
-        short, _, place = name.rstrip("]").partition("[")
-        named = f"{short} of {place}" if place else short
-        size = digits(0.0, pulls[name])[1]
-        told.append(f"{named} is {size} standard deviations from what was stated")
-    return f" (largest: {'; '.join(told)})" if told else ""
+def chance(p: float) -> str:
+    """Return a small probability behind a "p": "= 0.003", "< 1e-99"."""
+    return f"= {p:.1g}" if p > _LEAST else f"< {_LEAST:.0e}"
 
 
-def _by_group(estimate: Estimate, count: int) -> list[str]:
+def _summary(estimate: Estimate, assessment: Assessment, count: int) -> list[str]:
+    """Say how the residuals agree with noise and bench as stated."""
+    first = f"{count} coefficients found"
+    if estimate.groups:
+        lines = _by_group(estimate, first)
+    elif not estimate.dof:
+        tested = assessment.tests or estimate.scored.scores
+        agree = "do not agree" if assessment.rejects else "agree"
+        lines = [
+            f"{first}; the data {agree} with the stated noise and bench by the tests that were made"
+            if tested
+            else f"{first}; this estimator makes no test of how well the data agree"
+        ]
+    else:
+        p = float(estimate.p_value)
+        numbers = f"χ² = {estimate.chi2:.1f} with {estimate.dof} degrees of freedom, " + (
+            f"p = {p:.2f}" if p >= LEVEL else f"p {chance(p)}"
+        )
+        if estimate.consistent:
+            whole = "the residuals agree" if assessment.rejects else "the data agree"
+            tail = ", but further tests reject the model" if assessment.rejects else ""
+            lines = [f"{first}; {whole} with the stated noise and bench ({numbers}){tail}"]
+        else:
+            tail = "" if assessment.rejects else "; chance does as much once in twenty runs"
+            lines = [
+                f"{first}, but the residuals are larger than noise and bench allow ({numbers}): "
+                f"all uncertainties are scaled by {float(estimate.birge):.2f}{tail}"
+            ]
+    lines += [
+        f"{test.name}: χ² = {test.statistic:.1f} with {test.dof} degrees of freedom, p "
+        f"{chance(test.p_value)} ({chance(test.adjusted).removeprefix('= ')} among "
+        f"{len(assessment.tests)} tests): the model is rejected"
+        for test in assessment.rejected
+        if not test.name.startswith("residuals")
+    ]
+    return lines
+
+
+def _by_group(estimate: Estimate, first: str) -> list[str]:
     """Say how each kind of observations agrees with its noise."""
-    told = [
+    numbers = "; ".join(
         f"{group.name} χ² = {group.chi2:.1f} with {group.dof}, p {chance(group.p_value)}"
         for group in estimate.groups
-    ]
+    )
     beyond = [group for group in estimate.groups if group.spread.excess]
     within = [group for group in estimate.groups if group.spread.share < 1]
     lines: list[str] = []
@@ -112,21 +141,138 @@ def _by_group(estimate: Estimate, count: int) -> list[str]:
         )
     if not beyond:
         tested = all(group.dof > 0 for group in estimate.groups)
-        first = f"{count} coefficients found; " + (
-            "the data agree with their noise" if tested else "what there is to test agrees"
-        )
-        return [f"{first} ({'; '.join(told)})", *lines]
+        agree = "the data agree with their noise" if tested else "what can be tested agrees"
+        return [f"{first}; {agree} ({numbers})", *lines]
     added = ", ".join(f"{group.spread.excess:.2g} {group.unit} of {group.name}" for group in beyond)
     return [
-        f"{count} coefficients found, but the residuals are larger than their noise "
-        f"({'; '.join(told)}): a scatter of {added} is added to it, and so to all uncertainties",
+        f"{first}, but the residuals are larger than their noise ({numbers}): a scatter of "
+        f"{added} is added to it, and so to all uncertainties",
         *lines,
     ]
 
 
-def chance(p: float) -> str:
-    """Return a small probability behind a "p": "= 0.003", "< 1e-99"."""
-    return f"= {p:.1g}" if p > _LEAST else f"< {_LEAST:.0e}"
+def _suspect(
+    one: Suspect,
+    sensor: Sensor,
+    expected: Mapping[str, Parameter],
+    possible: Collection[str],
+    row_word: str,
+) -> list[str]:
+    """Name what explains the residuals best, its size, and what to do."""
+    fall = f"χ² would fall by {one.chi2:.1f} to {one.left:.1f}"
+    shift = (
+        f"it shifts {one.shifted} by {one.shift:.2g} U" if one.shift > 0 else "it shifts nothing"
+    )
+    if one.kind == "coefficient":
+        lines = _coefficient(one, sensor)
+        free = set(one.components) <= set(possible)
+        advice = (
+            f'estimate it: [method] also = ["{one.name}"]'
+            if free
+            else "this method cannot estimate it; its shift is not in U"
+        )
+    elif one.kind == "bench":
+        stated = expected.get(one.components[0])
+        sd = 0.0 if stated is None else stated.sd
+        departure = _shown(one.sizes[0], one.sds[0], one.units[0])
+        known = f"± {_shown(sd, 0.0, one.units[0])}" if sd else "as exact"
+        meaning = "" if stated is None or not stated.meaning else f" ({stated.meaning})"
+        lines = (
+            f"suspect: bench parameter {one.name}{meaning}; it departs by {departure} from its "
+            f"stated value, which is stated {known}"
+        )
+        advice = "measure it again, or state it with its true uncertainty"
+    elif one.kind == "row":
+        lines = f"suspect: the readings of {one.name}"
+        advice = f"look at this {row_word}; repeat it or leave it out"
+    else:
+        parts = ", ".join(
+            _shown(size, sd, unit)
+            for size, sd, unit in zip(one.sizes, one.sds, one.units, strict=True)
+        )
+        lines = f"suspect: {one.name}, {parts} from the first row to the last"
+        advice = "let the sensor settle, or repeat the first positions at the end"
+    text = f"{lines}; {fall} (p {chance(one.adjusted)} among all candidates), and {shift}; {advice}"
+    made = [text]
+    if one.alike:
+        listed = ", ".join(one.alike[:_LISTED])
+        more = len(one.alike) - _LISTED
+        listed += f" and {more} more" if more > 0 else ""
+        made.append(f"these data cannot tell {one.name} from: {listed}")
+    if one.remains < LEVEL:
+        made.append(
+            f"{one.name} alone does not explain the residuals: χ² = {one.left:.1f} with "
+            f"{one.left_dof} degrees of freedom remains; something else is wrong too, or the noise "
+            "is larger than stated"
+        )
+    return made
+
+
+def _coefficient(one: Suspect, sensor: Sensor) -> str:
+    """Return the suspected coefficients with their sizes, in the units of reports."""
+    parts: list[str] = []
+    meaning = ""
+    for name, size, sd in zip(one.components, one.sizes, one.sds, strict=True):
+        line = _line(sensor, name)
+        meaning = line.meaning
+        if np.isfinite(size):
+            value, spread = digits(size / line.si, sd / line.si)
+            parts.append(f"{name} {value} ± {spread} {line.unit}")
+    sizes = f", about {', '.join(parts)} (k = 1)" if parts else ""
+    return f"suspect: {one.name} ({meaning}), which is not estimated{sizes}"
+
+
+def _shown(value: float, sd: float, unit: str) -> str:
+    """Return a quantity in the unit in which people read such a size."""
+    if not np.isfinite(value):
+        return "an unknown amount"
+    unit = _SHOWN.get(unit, unit)
+    if unit.startswith("("):
+        return f"{value:.2g} {unit}" if sd == 0 else f"{value:.2g} ± {sd:.2g} {unit}"
+    return readable(value, sd, unit)
+
+
+def _line(sensor: Sensor, full: str) -> Coefficient:
+    """Return the line of the table behind a full name, estimated or not."""
+    axis, _, short = full.partition(".")
+    measures = next(a.measures for a in sensor.axes if a.name == axis)
+    return next(line for line in TABLES[measures] if line.name == short)
+
+
+def _row(assessment: Assessment, row_word: str) -> list[str]:
+    """Name the row that agrees least with the others, where it stands out."""
+    row, suspect = assessment.row, assessment.suspect
+    if row is None or row.adjusted >= LEVEL or (suspect is not None and suspect.kind == "row"):
+        return []
+    return [
+        f"the {row_word} that agrees least with the others is {row.name}: χ² of its readings is "
+        f"{row.chi2:.1f} with {row.dof}, p {chance(row.adjusted)} over all rows"
+    ]
+
+
+def _pulls(estimate: Estimate, expected: Mapping[str, Parameter]) -> list[str]:
+    """Name the largest residual, and the bench parameter farthest from what was stated."""
+    lines: list[str] = []
+    if estimate.observations:
+        worst = int(np.argmax(np.abs(estimate.whitened)))
+        size = digits(0.0, abs(float(estimate.whitened[worst])))[1]
+        lines.append(
+            f"the largest residual is {estimate.observations[worst]}, {size} standard deviations"
+        )
+    pulls = {
+        name: abs(float(value - expected[name].value)) / expected[name].sd
+        for name, value in zip(estimate.names, estimate.value, strict=True)
+        if name in expected and expected[name].sd > 0
+    }
+    if pulls:
+        name = max(pulls, key=lambda one: pulls[one])
+        short, _, place = name.rstrip("]").partition("[")
+        named = f"{short} of {place}" if place else short
+        size = digits(0.0, pulls[name])[1]
+        lines.append(
+            f"of the bench, {named} is farthest from what was stated, {size} standard deviations"
+        )
+    return lines
 
 
 def _leading(estimate: Estimate, sensor: Sensor) -> list[str]:
@@ -146,3 +292,6 @@ def _leading(estimate: Estimate, sensor: Sensor) -> list[str]:
         size = digits(0.0, COVERAGE * float(std[worst]) / line.si)[1]
         parts.append(f"{group} {size} {line.unit}")
     return ["expanded uncertainties (k = 2) are at most: " + ", ".join(parts)]
+
+
+__all__ = ["COVERAGE", "NOTHING", "chance", "verdict"]

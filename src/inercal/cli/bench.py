@@ -113,7 +113,7 @@ def _go(
 ) -> None:
     """Carry out what is left of a run, and finish it; a register is told of it, if there is one."""
     from inercal.calibration.files import as_object
-    from inercal.cli.show import as_json, as_table, working
+    from inercal.cli.show import as_json, as_table, leave, working
     from inercal.host.entering import Keeper
     from inercal.host.finish import finish
 
@@ -129,10 +129,11 @@ def _go(
         _enter(keeper)
     if json:
         as_json(as_object(outcome.calibration) | files)
-        return
-    as_table(outcome, folder.run.truth)
-    for path in files.values():
-        print(f"wrote {path}")
+    else:
+        as_table(outcome, folder.run.truth)
+        for path in files.values():
+            print(f"wrote {path}")
+    leave(outcome)
 
 
 def _enter(keeper: "Keeper") -> None:
@@ -164,7 +165,7 @@ def _carried_out(
         _enter(keeper)
         print(f"inercal: interrupted: {error}", file=sys.stderr)
         print(f"go on by: inercal bench resume {folder.path}", file=sys.stderr)
-        raise typer.Exit(1) from None
+        raise typer.Exit(130) from None
     return run.account.live
 
 

@@ -18,13 +18,19 @@ def run(
     register: str | None = typer.Option(
         None, help="Enter the calibration in the register there, or in the 'default' one."
     ),
+    strict: bool = typer.Option(
+        False, "--strict", help="Exit with status 3 also where there are reservations."
+    ),
     json: bool = typer.Option(False, "--json", help="Print one JSON object instead of a table."),
 ) -> None:
-    """Find a sensor's coefficients and their uncertainties from a recording."""
+    """Find a sensor's coefficients and their uncertainties from a recording.
+
+    The exit status is 0, or 3 where the result is written but is not to be relied on.
+    """
     from contextlib import nullcontext
 
     from inercal.calibration.files import as_object, save
-    from inercal.cli.show import as_json, as_table, told, working
+    from inercal.cli.show import as_json, as_table, leave, told, working
     from inercal.errors import InputError
     from inercal.io.atomic import written_together
     from inercal.pipeline import calibrate
@@ -61,10 +67,11 @@ def run(
             write_report(outcome, files["report"], plan.truth or None, history)
     if json:
         as_json(as_object(outcome.calibration) | {kind: str(path) for kind, path in files.items()})
-        return
-    as_table(outcome, plan.truth)
-    for path in files.values():
-        print(f"wrote {path}")
+    else:
+        as_table(outcome, plan.truth)
+        for path in files.values():
+            print(f"wrote {path}")
+    leave(outcome, strict=strict)
 
 
 def _opened(address: str) -> "Register":

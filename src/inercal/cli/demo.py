@@ -17,7 +17,7 @@ def run(
     """Drive a simulated table and IMU through a whole calibration, with the truth beside it."""
     from inercal.calibration.files import as_object
     from inercal.cli.bench_view import STOP, viewing
-    from inercal.cli.show import as_json, as_table
+    from inercal.cli.show import as_json, as_table, leave
     from inercal.demonstration import demo
     from inercal.host.folder import require_free
     from inercal.host.simulated import STARTING
@@ -29,9 +29,11 @@ def run(
     if json:
         result = as_object(shown.outcome.calibration)
         as_json(result | {"truth": dict(shown.truth)} | dict(shown.files))
+        leave(shown.outcome)
         return
     as_table(shown.outcome, shown.truth)
     print(f"{shown.seconds / 60:.1f} minutes of the bench in {shown.seconds / shown.speed:.0f} s")
     print(f"normalised error squared against the truth: {shown.nees:.2f} (1 is expected)")
     for path in shown.files.values():
         print(f"wrote {path}")
+    leave(shown.outcome)

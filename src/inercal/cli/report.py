@@ -10,10 +10,17 @@ NAME = "report"
 def run(
     run_file: Path = typer.Argument(help="The run file (TOML)."),
     out: Path | None = typer.Option(None, "--out", "-o", help="The page to write."),
+    strict: bool = typer.Option(
+        False, "--strict", help="Exit with status 3 also where there are reservations."
+    ),
     json: bool = typer.Option(False, "--json", help="Print one JSON object."),
 ) -> None:
-    """Calibrate and write the HTML report alone."""
-    from inercal.cli.show import as_json, told, working
+    """Calibrate and write the HTML report alone.
+
+    The exit status is 0, or 3 where the page is written but the result is not to be relied on.
+    """
+    from inercal.calibration.grade import as_object
+    from inercal.cli.show import as_json, leave, told, working
     from inercal.pipeline import calibrate
     from inercal.report import write_report
     from inercal.runfile import read
@@ -24,6 +31,8 @@ def run(
         outcome = calibrate(plan, lambda generation: say(f"writing {page}: {told(generation)}"))
         write_report(outcome, page, plan.truth or None)
     if json:
-        as_json({"report": str(page), "verdict": list(outcome.verdict)})
+        lines = {"lines": list(outcome.verdict.lines)}
+        as_json({"report": str(page), "verdict": as_object(outcome.verdict) | lines})
     else:
         print(f"wrote {page}")
+    leave(outcome, strict=strict)

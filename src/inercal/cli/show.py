@@ -43,7 +43,6 @@ def as_table(outcome: "Outcome", truth: Mapping[str, float]) -> None:
     from rich.table import Table
 
     from inercal.calibration.verdict import COVERAGE
-    from inercal.pipeline.judgement import judge
     from inercal.pipeline.truth import in_frame_of
     from inercal.units import digits
 
@@ -70,12 +69,24 @@ def as_table(outcome: "Outcome", truth: Mapping[str, float]) -> None:
         table.add_row(name, line.meaning, *cells, line.unit, *error)
     console = Console()
     console.print(table)
-    summary, *others = outcome.verdict
-    judgement = judge(outcome)
-    console.print(f"[bold {_COLOURS[judgement.tone]}]{judgement.word}[/]")
+    summary, *others = outcome.verdict.lines
+    console.print(f"[bold {_COLOURS[outcome.verdict.tone]}]{outcome.verdict.word.capitalize()}[/]")
     console.print(f"[bold]{_plain(summary)}[/bold]")
     for text in others:
         console.print(f"· {_plain(text)}")
+
+
+def leave(outcome: "Outcome", *, strict: bool = False) -> None:
+    """End the program with the status of the verdict, once all is written and printed.
+
+    0 where the result is consistent or usable with reservations, 3 where it is not to be relied on;
+    `strict` makes reservations 3 too.
+    """
+    import typer
+
+    bad = {"unreliable", "reservations"} if strict else {"unreliable"}
+    if outcome.verdict.grade in bad:
+        raise typer.Exit(3)
 
 
 def _plain(text: str) -> str:

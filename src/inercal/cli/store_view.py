@@ -11,7 +11,7 @@ from inercal.calibration.verdict import COVERAGE
 from inercal.store import CalibrationEntry, History, RunEntry, SensorEntry
 from inercal.store.comparison import Comparison
 from inercal.store.history import Course
-from inercal.store.words import drift, en, of_comparison, of_history, point, slope
+from inercal.store.words import drift, en, graded, of_comparison, of_history, point, slope
 from inercal.units import digits
 
 _TIMES = {"stated": "as stated", "run": "begin of the run", "created": "when it was made"}
@@ -42,12 +42,14 @@ def print_sensor(
 ) -> None:
     """Print a sensor, its calibrations and its runs."""
     _say(f"{sensor.name}: {', '.join(sensor.axes)}; entered by {sensor.by} on {_date(sensor.at)}")
-    table = _table("number", "measured", "method", "estimator", "bench", "run", "entered by")
+    table = _table(
+        "number", "measured", "method", "estimator", "bench", "verdict", "run", "entered by"
+    )
     for one in calibrations:
         run = "" if one.run is None else str(one.run)
         bench = _bench(one.kind, one.bench)
-        cells = (f"#{one.id}", _date(one.measured), one.method, one.estimator, bench, run, one.by)
-        _row(table, *cells)
+        cells = (f"#{one.id}", _date(one.measured), one.method, one.estimator, bench)
+        _row(table, *cells, graded(one.grade), run, one.by)
     if calibrations:
         Console().print(table)
     if runs:
@@ -63,6 +65,7 @@ def print_calibration(entry: CalibrationEntry, run: RunEntry | None) -> None:
         "measured": f"{entry.measured} ({_TIMES[entry.measured_from]})",
         "method": f"{entry.method}, {entry.estimator}",
         "bench": _bench(entry.kind, entry.bench),
+        "verdict": graded(entry.grade),
         "frame": found.frame,
         **{name: text for name, text in found.conditions.items() if name != "bench"},
         **found.provenance,

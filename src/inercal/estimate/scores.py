@@ -45,6 +45,8 @@ class Test(NamedTuple):
     statistic: float
     dof: int
 
+    __test__ = False  # pytest takes a class of this name for a test of its own
+
     @property
     def p_value(self) -> float:
         """Probability of a statistic at least as large where the model holds."""
@@ -130,16 +132,36 @@ class Score:
 
 
 class Scored(NamedTuple):
-    """All candidates of one estimate: their scores, and the dimension of the space they span."""
+    """All candidates of one estimate.
+
+    Parameters
+    ----------
+    scores : tuple of Score
+    span : int
+        Dimension of the space that the candidates span.
+    chi2, dof : float and int
+        Of the whole whitened residual.
+    """
 
     scores: tuple[Score, ...] = ()
     span: int = 0
+    chi2: float = 0.0
+    dof: int = 0
 
-    def adjusted(self, score: Score) -> float:
-        """Return the p-value of a score that holds for all candidates together."""
+    def adjusted(self, score: Score, p_value: float | None = None) -> float:
+        """Return the p-value of a score that holds for all candidates together.
+
+        Parameters
+        ----------
+        score : Score
+        p_value : float, optional
+            Of the score alone by another distribution than χ².
+        """
         if not score.dof:
             return 1.0
         count = sum(one.dof > 0 for one in self.scores)
+        if p_value is not None:
+            return min(1.0, count * p_value)
         return min(1.0, count * score.p_value, float(chdtrc(self.span, score.chi2)))
 
 
@@ -198,7 +220,8 @@ def scored(
                 u @ t,
             )
         )
-    return Scored(tuple(made), _rank(spanned))
+    dof = len(residual) - jacobian.shape[1]
+    return Scored(tuple(made), _rank(spanned), float(residual @ residual), dof)
 
 
 def _rank(spaces: Sequence[Array]) -> int:

@@ -105,6 +105,10 @@ class Method(Generic[Bench, Step]):
             raise InputError(f"method {self.name} cannot see {', '.join(beyond)}: it sees {seen}")
         return replace(part, coefficients=tuple(n for n in possible if n in (*chosen, *more)))
 
+    def possible(self, sensor: Sensor) -> tuple[str, ...]:
+        """Return the full names of the coefficients of a sensor's axes that it can estimate."""
+        return self._choice(sensor, self.also)
+
     def _choice(self, part: Sensor, also: Mapping[Kind, tuple[str, ...]]) -> tuple[str, ...]:
         """Return the coefficients the method finds, by default or with what it can find also."""
         names: tuple[str, ...] = ()

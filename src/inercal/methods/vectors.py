@@ -166,7 +166,7 @@ def problem(
     )
 
 
-def some_rows(whole: Problem, at: NDArray[np.intp]) -> Problem:
+def some_rows(whole: Problem, at: NDArray[np.int64]) -> Problem:
     """Return the problem of some of a problem's observations alone.
 
     Parameters
@@ -177,6 +177,7 @@ def some_rows(whole: Problem, at: NDArray[np.intp]) -> Problem:
         Places of the observations that are kept.
     """
     assert not callable(whole.noise)
+    places: list[int] = at.tolist()
 
     def linearise(x: Array) -> tuple[Array, Array]:
         residual, jacobian = whole.linearise(x)
@@ -191,7 +192,7 @@ def some_rows(whole: Problem, at: NDArray[np.intp]) -> Problem:
         whole,
         linearise=linearise,
         noise=whole.noise[..., at[:, None], at],
-        observations=tuple(whole.observations[k] for k in at.tolist()),
+        observations=tuple(whole.observations[k] for k in places),
         candidates=candidates if whole.candidates else None,
     )
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from inercal.benches import Bench, Centrifuge, DividingHead, Hand, RateTable, Turntable
 from inercal.calibration import Calibration, Frame
+from inercal.calibration.grade import Verdict
 from inercal.calibration.verdict import verdict
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate
@@ -59,8 +60,8 @@ class Outcome:
     marks : tuple of Mark
     findings : tuple of Finding
         The audit's, and what the checks against the plan noticed.
-    verdict : tuple of str
-        In plain words; the first line is the summary.
+    verdict : Verdict
+        The grade, its reasons, and lines in plain words; iterating gives the lines.
     rests : FoundRests or None
         How rests were found, where they were found without a plan.
     search : History or None
@@ -75,7 +76,7 @@ class Outcome:
     recording: Recording | None
     marks: tuple[Mark, ...]
     findings: tuple[Finding, ...]
-    verdict: tuple[str, ...]
+    verdict: Verdict
     rests: FoundRests | None = None
     search: History | None = None
 
@@ -153,7 +154,9 @@ def calibrate(
         estimate = replace(estimate, notes=(*estimate.notes, note))
     if isinstance(bench, Turntable):
         findings += turntable.far_from_stated(estimate, expected)
-    lines = verdict(estimate, sensor, findings, run.estimator, expected, _sought(bench))
+    judged = verdict(
+        estimate, sensor, findings, expected, run.method.possible(sensor), _row_word(bench)
+    )
     calibration = Calibration(
         sensor,
         estimate.value[:p],
@@ -162,8 +165,9 @@ def calibrate(
         run.estimator,
         conditions,
         _provenance(run, gathered.recording),
-        lines,
+        judged.lines,
         _frame(run),
+        verdict=judged,
     )
     return Outcome(
         calibration,
@@ -174,13 +178,13 @@ def calibrate(
         gathered.recording,
         gathered.marks,
         findings,
-        lines,
+        judged,
         gathered.rests,
         run.search and History(run.search.goal, tuple(generations)),
     )
 
 
-def _sought(bench: Bench) -> str:
+def _row_word(bench: Bench) -> str:
     return "state or mounting" if isinstance(bench, RateTable) else "position or turn"
 
 

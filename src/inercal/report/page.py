@@ -13,7 +13,6 @@ from inercal.benches import DividingHead, RateTable, Turntable
 from inercal.calibration.verdict import chance
 from inercal.methods.observed import NOISE_ALONE
 from inercal.pipeline import Outcome
-from inercal.pipeline.judgement import judge
 from inercal.plan import Hold, Index, Position, Rotation, Spin, Step, Turn
 from inercal.report import courses, tables
 from inercal.report import head as on_head
@@ -68,7 +67,7 @@ def page(
         estimate=estimate,
         outcome=outcome,
         date=calibration.provenance.get("created", "").partition("T")[0],
-        judgement=judge(outcome),
+        verdict=outcome.verdict,
         facts=facts(outcome),
         groups=tables.coefficients(outcome, truth),
         simulated=truth is not None,

@@ -180,6 +180,7 @@ def enter_calibration(
         "measured_from": source,
         "method": found.method,
         "estimator": found.estimator,
+        "grade": found.verdict.grade if found.verdict else "",
         "recording_sha256": entered.recording,
         "content": entered.text,
         "sha256": entered.sha256,

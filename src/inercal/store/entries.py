@@ -100,6 +100,8 @@ class CalibrationEntry:
     measured_from : "stated", "run" or "created"
         Whose time that is: the user's, the run's begin, or that of the calibration file.
     method, estimator : str
+    grade : str
+        Of the verdict, "consistent", "reservations" or "unreliable"; empty where it is unknown.
     sha256 : str
         Of the calibration's content, as its file states it.
     by, at : str
@@ -117,6 +119,7 @@ class CalibrationEntry:
     measured_from: str
     method: str
     estimator: str
+    grade: str
     sha256: str
     by: str
     at: str

@@ -109,8 +109,8 @@ def numbers(db: Connection, *where: ColumnElement[bool]) -> tuple[int, ...]:
 def _calibration(row: Row[Any]) -> CalibrationEntry:
     return CalibrationEntry(
         row.id, row.sensor, row.kind or "", row.bench or "", row.run_id, row.measured,
-        row.measured_from, row.method, row.estimator, row.sha256, row.entered_by, row.entered_at,
-        row.content,
+        row.measured_from, row.method, row.estimator, row.grade, row.sha256, row.entered_by,
+        row.entered_at, row.content,
     )  # fmt: skip
 
 

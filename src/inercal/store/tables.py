@@ -87,6 +87,7 @@ calibration = Table(
     Column("measured_from", String, nullable=False),  # "stated", "run" or "created"
     Column("method", String, nullable=False),
     Column("estimator", String, nullable=False),
+    Column("grade", String, nullable=False, server_default=""),  # of its verdict; empty if unknown
     Column("recording_sha256", String, nullable=False, index=True),  # empty where it names none
     Column("content", Text, nullable=False),  # the whole file, JSON
     Column("sha256", String, nullable=False, unique=True),

@@ -2,6 +2,7 @@
 
 from math import isnan
 
+from inercal.calibration.grade import WORDS
 from inercal.calibration.verdict import COVERAGE, chance
 from inercal.store.changes import Joint
 from inercal.store.comparison import Comparison
@@ -12,6 +13,11 @@ INDEPENDENT = (
     "errors that calibrations share, as of one bench, are counted as if they were independent: E_n "
     "and χ² come out too small then, and a change must be larger to be seen"
 )
+
+
+def graded(grade: str) -> str:
+    """Return a verdict's grade in words, "unknown" for that of an older file."""
+    return next((words for one, words in WORDS.items() if one == grade), "unknown")
 
 
 def en(value: float) -> str:

@@ -9,7 +9,6 @@ from inercal.host.folder import Folder
 from inercal.host.journal import Journal
 from inercal.host.live import Live
 from inercal.host.web.order import Order, Told, told
-from inercal.pipeline.judgement import judge
 from inercal.store import Register
 
 
@@ -49,11 +48,10 @@ class Ending:
         except InercalError as error:
             self._journal.event("alarm", str(error))
             return told(self._order, "carried out", str(error), history=self._entered())
-        judgement = judge(outcome)
         name = quote(self._order.name, safe="")
         links = {what: f"/runs/{name}/{what}" for what in ("report", "calibration")}
-        verdict = {"level": judgement.tone, "words": judgement.word}
-        words = " ".join(judgement.lines[:1])
+        verdict = {"level": outcome.verdict.tone, "words": outcome.verdict.word}
+        words = outcome.verdict.lines[0]
         history = self._entered()
         return told(self._order, "done", words, history=history, verdict=verdict, **links)
 
