@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 _SHARED = ("run", "speed", "mounting", "pass")
 # Nothing of a temperature is in the rows of a problem of means.
 _LEFT_OUT = ("temperature",)
+# SI per SI unit: whole turns leave this little of what they take out.
+_ROUNDED = 1e-12
 _SI = {"f": "m/s²", "w": "rad/s"}
 
 
@@ -56,6 +58,7 @@ def of_means(
     sensor: Sensor,
     declared: Mapping[str, Parameter],
     time: Array | None = None,
+    families: Mapping[str, Sequence[str]] | None = None,
 ) -> Callable[[Array], Sequence[Candidate]]:
     """Return what `Problem.candidates` takes, for a problem of mean readings or of norms.
 
@@ -72,6 +75,9 @@ def of_means(
         The bench's parameters by full name.
     time : (r,) array, optional
         s, of each row, where a drift of the biases is a candidate.
+    families : mapping of str to sequence of str, optional
+        Names of parameters that are tested together, by their full names: coefficients in place of
+        those of one short name, parameters of the bench in place of each alone.
     """
 
     def candidates(x: Array) -> list[Candidate]:
@@ -82,8 +88,8 @@ def of_means(
         _, jacobian = larger.linearise(there)
         column = dict(zip(larger.names, jacobian.reshape(-1, len(larger.names)).T, strict=True))
         return [
-            *_of_sensor(sensor, names, column),
-            *of_bench(declared, column),
+            *_of_sensor(sensor, names, column, families or {}),
+            *of_bench(declared, column, families or {}),
             *of_rows(larger.observations, sensor),
             *(() if time is None else of_drift(larger.observations, sensor, time)),
         ]
@@ -92,22 +98,26 @@ def of_means(
 
 
 def _of_sensor(
-    sensor: Sensor, names: Sequence[str], column: Mapping[str, Array]
+    sensor: Sensor,
+    names: Sequence[str],
+    column: Mapping[str, Array],
+    families: Mapping[str, Sequence[str]],
 ) -> list[Candidate]:
     """Return the coefficients that are not estimated: those of a kind together, and each alone."""
     larger = extended(sensor)
-    families: dict[tuple[str, str], list[str]] = {}
+    together = {full: name for name, members in families.items() for full in members}
+    kinds: dict[tuple[str, str], list[str]] = {}
     for full in larger.coefficients:
         axis, _, short = full.partition(".")
-        if full in names or full not in column or not np.any(column[full]):
+        if full in names or full not in column or not _acts(column[full]):
             continue
         measures = next(a.measures for a in sensor.axes if a.name == axis)
-        families.setdefault((measures, short), []).append(full)
+        kinds.setdefault((measures, together.get(full, short)), []).append(full)
     made: list[Candidate] = []
-    for (_, short), members in families.items():
+    for (_, kind), members in kinds.items():
         units = {full: SI_UNITS[larger.coefficient(full).unit] for full in members}
-        together = [(short, tuple(members))] if len(members) > 1 else []
-        for name, chosen in (*together, *((full, (full,)) for full in members)):
+        all_ = [(kind, tuple(members))] if len(members) > 1 else []
+        for name, chosen in (*all_, *((full, (full,)) for full in members)):
             rows = np.stack([column[full] for full in chosen], axis=-1)
             made.append(
                 Candidate(name, "coefficient", chosen, tuple(units[n] for n in chosen), rows)
@@ -115,13 +125,32 @@ def _of_sensor(
     return made
 
 
-def of_bench(declared: Mapping[str, Parameter], column: Mapping[str, Array]) -> list[Candidate]:
+def of_bench(
+    declared: Mapping[str, Parameter],
+    column: Mapping[str, Array],
+    families: Mapping[str, Sequence[str]] | None = None,
+) -> list[Candidate]:
     """Return the parameters of the bench that act on many rows, by their columns (m,)."""
+    together = {full: name for name, members in (families or {}).items() for full in members}
+    kinds: dict[str, list[str]] = {}
+    for name, parameter in declared.items():
+        if parameter.scope in _SHARED and name in column and _acts(column[name]):
+            kinds.setdefault(together.get(name, name), []).append(name)
     return [
-        Candidate(name, "bench", (name,), (parameter.unit,), column[name][:, None])
-        for name, parameter in declared.items()
-        if parameter.scope in _SHARED and name in column and np.any(column[name])
+        Candidate(
+            kind,
+            "bench",
+            tuple(members),
+            tuple(declared[name].unit for name in members),
+            np.stack([column[name] for name in members], axis=-1),
+        )
+        for kind, members in kinds.items()
     ]
+
+
+def _acts(column: Array) -> bool:
+    """Return whether a parameter acts on the observations by more than rounding."""
+    return bool(np.max(np.abs(column), initial=0.0) > _ROUNDED)
 
 
 def of_rows(observations: Sequence[str], sensor: Sensor) -> list[Candidate]:
