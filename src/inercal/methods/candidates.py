@@ -12,6 +12,7 @@ the run, linear in time.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,13 +89,28 @@ def of_means(
         _, jacobian = larger.linearise(there)
         column = dict(zip(larger.names, jacobian.reshape(-1, len(larger.names)).T, strict=True))
         return [
-            *_of_sensor(sensor, names, column, families or {}),
-            *of_bench(declared, column, families or {}),
-            *of_rows(larger.observations, sensor),
+            *of_columns(larger.observations, sensor, names, declared, column, families),
             *(() if time is None else of_drift(larger.observations, sensor, time)),
         ]
 
     return candidates
+
+
+def of_columns(
+    observations: Sequence[str],
+    sensor: Sensor,
+    names: Sequence[str],
+    declared: Mapping[str, Parameter],
+    column: Mapping[str, Array],
+    families: Mapping[str, Sequence[str]] | None = None,
+) -> list[Candidate]:
+    """Return the candidates of m observations by their columns (m,), as of `of_means`."""
+    families = families or {}
+    return [
+        *_of_sensor(sensor, names, column, families),
+        *of_bench(declared, column, families),
+        *of_rows(observations, sensor),
+    ]
 
 
 def _of_sensor(
@@ -105,24 +121,31 @@ def _of_sensor(
 ) -> list[Candidate]:
     """Return the coefficients that are not estimated: those of a kind together, and each alone."""
     larger = extended(sensor)
-    together = {full: name for name, members in families.items() for full in members}
     kinds: dict[tuple[str, str], list[str]] = {}
     for full in larger.coefficients:
         axis, _, short = full.partition(".")
         if full in names or full not in column or not _acts(column[full]):
             continue
         measures = next(a.measures for a in sensor.axes if a.name == axis)
-        kinds.setdefault((measures, together.get(full, short)), []).append(full)
-    made: list[Candidate] = []
-    for (_, kind), members in kinds.items():
-        units = {full: SI_UNITS[larger.coefficient(full).unit] for full in members}
-        all_ = [(kind, tuple(members))] if len(members) > 1 else []
-        for name, chosen in (*all_, *((full, (full,)) for full in members)):
-            rows = np.stack([column[full] for full in chosen], axis=-1)
-            made.append(
-                Candidate(name, "coefficient", chosen, tuple(units[n] for n in chosen), rows)
-            )
-    return made
+        for kind in _families_of(full, families) or [short]:
+            kinds.setdefault((measures, kind), []).append(full)
+    together = [(kind, tuple(members)) for (_, kind), members in kinds.items() if len(members) > 1]
+    alone = [(full, (full,)) for full in dict.fromkeys(chain(*kinds.values()))]
+    return [
+        Candidate(
+            name,
+            "coefficient",
+            members,
+            tuple(SI_UNITS[larger.coefficient(full).unit] for full in members),
+            np.stack([column[full] for full in members], axis=-1),
+        )
+        for name, members in (*together, *alone)
+    ]
+
+
+def _families_of(full: str, families: Mapping[str, Sequence[str]]) -> list[str]:
+    """Return the names of the families that a parameter is a member of."""
+    return [name for name, members in families.items() if full in members]
 
 
 def of_bench(
@@ -131,11 +154,11 @@ def of_bench(
     families: Mapping[str, Sequence[str]] | None = None,
 ) -> list[Candidate]:
     """Return the parameters of the bench that act on many rows, by their columns (m,)."""
-    together = {full: name for name, members in (families or {}).items() for full in members}
     kinds: dict[str, list[str]] = {}
     for name, parameter in declared.items():
         if parameter.scope in _SHARED and name in column and _acts(column[name]):
-            kinds.setdefault(together.get(name, name), []).append(name)
+            for kind in _families_of(name, families or {}) or [name]:
+                kinds.setdefault(kind, []).append(name)
     return [
         Candidate(
             kind,

@@ -72,13 +72,12 @@ def by_norm(
     def extended() -> Problem:
         return _of_norms(observations, larger, bench, steps, candidates.freed(declared))
 
-    visible = sensor.with_coefficients("nonorthogonality").coefficients
     return replace(
         built,
         gauges=gauges(sensor),
         known_nulls=known_nulls(sensor, len(built.names)),
         candidates=candidates.of_means(
-            extended, built.names, larger, declared, families={"nonorthogonality": visible}
+            extended, built.names, larger, declared, families=_nonorthogonality(sensor)
         ),
     )
 
@@ -95,6 +94,13 @@ def _larger(sensor: Sensor, bench: Centrifuge, steps: Sequence[Spin]) -> Sensor:
     shown = sensor.with_coefficients("bias", "scale", *words).coefficients
     more = tuple(name for name in shown if name not in sensor.coefficients)
     return replace(sensor, coefficients=(*sensor.coefficients, *more))
+
+
+def _nonorthogonality(sensor: Sensor) -> dict[str, tuple[str, ...]]:
+    """Return the family of misalignments that rotate no triad, by the name that a user chooses."""
+    if not _is_triad(sensor):
+        return {}
+    return {"nonorthogonality": sensor.with_coefficients("nonorthogonality").coefficients}
 
 
 def _is_triad(sensor: Sensor) -> bool:
@@ -224,6 +230,8 @@ def by_vector(
         priors,
         dwells=dwells if own else None,
         gauges=gauges(sensor),
+        families=_nonorthogonality(sensor)
+        | {"misalignment": sensor.with_coefficients("misalignment").coefficients},
     )
 
 
