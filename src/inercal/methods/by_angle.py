@@ -123,7 +123,9 @@ def _families(
 ) -> dict[str, tuple[str, ...]]:
     """Return what is tested together: a harmonic's sine and cosine, a drift in all passes."""
     count = max(_HARMONICS, len(bench.harmonics))
-    made = {f"harmonic {h}": (f"sin{h}", f"cos{h}") for h in range(1, count + 1)}
+    made: dict[str, tuple[str, ...]] = {
+        f"harmonic {h}": (f"sin{h}", f"cos{h}") for h in range(1, count + 1)
+    }
     made["creep"] = tuple(f"creep[{name}]" for name in pass_names(steps))
     drifts = {f"drift of {c}": tuple(drift_names(c, steps)) for c in sensor.channels}
     if len(drifts) > 1:

@@ -82,6 +82,16 @@ def by_norm(
     )
 
 
+def by_norm_exact(
+    observations: Observations, sensor: Sensor, bench: Centrifuge, steps: Sequence[Spin]
+) -> Problem:
+    """Return the problem of norms with the bench taken as exact: the readings' noise alone."""
+    exact = replace(bench, dwell_rate=0.0, dwell_tilt=0.0)
+    declared = exact.nuisances(steps, vectors=False)
+    known = {name: replace(parameter, sd=0.0) for name, parameter in declared.items()}
+    return _of_norms(observations, sensor, exact, steps, known)
+
+
 def _larger(sensor: Sensor, bench: Centrifuge, steps: Sequence[Spin]) -> Sensor:
     """Return the sensor with all coefficients that norms can show, those of `sensor` first.
 
