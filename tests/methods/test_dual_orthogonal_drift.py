@@ -82,6 +82,30 @@ def test_a_drift_that_is_not_declared_is_in_the_residuals_alone(
     assert nees(found, given) == pytest.approx(squares, rel=0.06)
 
 
+@pytest.mark.parametrize("collimated", ["pairs", "every"])
+def test_k0_of_a_drifting_run_is_the_mean_of_its_bias_over_all_rows(collimated: str):
+    """Coverage of ± 2 u of that mean is .95, and that of the bias at the middle is far less."""
+    trials, n = 1000, 12
+    # Only what drifts differs between the two draws of one seed: their difference is the drift.
+    there, still = (
+        case(5, trials, Bench(collimated=collimated, drifting=size), reverse=True)
+        for size in (DRIFT, 0.0)
+    )
+    course = (there.seen.mean - still.seen.mean) / G0
+    found = calibrated(there)
+    names = ("a.k0", "b.k0")
+    both = found.select(names)
+    u = np.sqrt(np.diagonal(both.covariance, axis1=-2, axis2=-1)) / G0
+    bias = there.truth["k0"][:, None, :] + course
+    middle = (bias[:, n - 1] + bias[:, n]) / 2
+    mean, at_middle = (
+        float(np.mean(np.abs(both.value / G0 - true) < 2 * u)) for true in (bias.mean(1), middle)
+    )
+    print(f"{collimated}: coverage of the mean {mean:.3f}, of the middle {at_middle:.3f}")
+    assert mean == pytest.approx(0.954, abs=4 * np.sqrt(0.954 * 0.046 / trials))
+    assert at_middle < 0.75
+
+
 def test_forward_and_reverse_cancel_a_drift():
     for collimated in ("pairs", "every"):
         reached: list[dict[str, float]] = []

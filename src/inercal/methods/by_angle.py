@@ -9,17 +9,21 @@ from numpy.typing import NDArray
 from inercal.benches.dividing_head import DividingHead, drift_names, felt
 from inercal.benches.dividing_head import positions as on_head
 from inercal.benches.head_angles import angles
-from inercal.benches.passes import ramps
+from inercal.benches.passes import pass_names, ramps
 from inercal.errors import InputError
 from inercal.estimate import Gaussian, Problem
-from inercal.methods import vectors
+from inercal.methods import candidates, vectors
 from inercal.motion import Motion
+from inercal.parameters import Parameter
 from inercal.plan import Index
 from inercal.recording import Observations
 from inercal.sensors import Sensor
 
 Array = NDArray[np.float64]
 FEWEST = 4  # positions
+_HARMONICS = 4  # of the head's error: higher ones look like graduations
+# Along the spindle only its lean is felt, and kpp is k0 less k2: sin² + cos² = 1.
+_HIDDEN = {"delta_p", "kio", "kpo", "koo", "kpp"}
 _NEAR = 1.5e-4  # rad
 
 
@@ -69,14 +73,64 @@ def problem(
     exact : bool
         Whether the bench is taken at its declared values, without nuisances.
     """
-    return vectors.problem(
-        observations,
-        sensor,
-        {} if exact else bench.nuisances(steps, sensor.channels),
-        lambda q: _felt(bench, steps, q),
-        priors,
-        added=_drifts(sensor, steps),
+    declared = {} if exact else bench.nuisances(steps, sensor.channels)
+
+    def built(sensor: Sensor, bench: DividingHead, declared: Mapping[str, Parameter]) -> Problem:
+        return vectors.problem(
+            observations,
+            sensor,
+            declared,
+            lambda q: _felt(bench, steps, q),
+            added=_drifts(sensor, steps),
+        )
+
+    larger = larger_sensor(sensor)
+    wider = replace(
+        bench, harmonics=(*bench.harmonics, *[0.0] * (_HARMONICS - len(bench.harmonics)))
     )
+    suspects = {
+        name: parameter
+        for name, parameter in wider.nuisances(steps, sensor.channels).items()
+        if name != "lean"  # of second order: its column is that of its own estimate
+    }
+    asked = built(sensor, bench, declared)
+    return replace(
+        asked,
+        priors=(*asked.priors, *priors),
+        candidates=candidates.of_means(
+            lambda: built(larger, wider, candidates.freed(suspects)),
+            asked.names,
+            larger,
+            suspects,
+            families=_families(sensor, bench, steps),
+        ),
+    )
+
+
+def larger_sensor(sensor: Sensor) -> Sensor:
+    """Return the sensor with all coefficients that readings in the plane of rotation can show."""
+    whole = candidates.extended(sensor)
+    kept = (
+        name
+        for name in whole.coefficients
+        if name in sensor.coefficients or name.partition(".")[2] not in _HIDDEN
+    )
+    return replace(whole, coefficients=tuple(kept))
+
+
+def _families(
+    sensor: Sensor, bench: DividingHead, steps: Sequence[Index]
+) -> dict[str, tuple[str, ...]]:
+    """Return what is tested together: a harmonic's sine and cosine, a drift in all passes."""
+    count = max(_HARMONICS, len(bench.harmonics))
+    made: dict[str, tuple[str, ...]] = {
+        f"harmonic {h}": (f"sin{h}", f"cos{h}") for h in range(1, count + 1)
+    }
+    made["creep"] = tuple(f"creep[{name}]" for name in pass_names(steps))
+    drifts = {f"drift of {c}": tuple(drift_names(c, steps)) for c in sensor.channels}
+    if len(drifts) > 1:
+        made["drift"] = tuple(name for names in drifts.values() for name in names)
+    return made | drifts
 
 
 def _felt(bench: DividingHead, steps: Sequence[Index], q: Mapping[str, Array]) -> vectors.Felt:

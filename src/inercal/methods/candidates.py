@@ -12,6 +12,7 @@ the run, linear in time.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,8 @@ Array = NDArray[np.float64]
 _SHARED = ("run", "speed", "mounting", "pass")
 # Nothing of a temperature is in the rows of a problem of means.
 _LEFT_OUT = ("temperature",)
+# SI per SI unit: whole turns leave this little of what they take out.
+_ROUNDED = 1e-12
 _SI = {"f": "m/s²", "w": "rad/s"}
 
 
@@ -56,6 +59,7 @@ def of_means(
     sensor: Sensor,
     declared: Mapping[str, Parameter],
     time: Array | None = None,
+    families: Mapping[str, Sequence[str]] | None = None,
 ) -> Callable[[Array], Sequence[Candidate]]:
     """Return what `Problem.candidates` takes, for a problem of mean readings or of norms.
 
@@ -72,6 +76,9 @@ def of_means(
         The bench's parameters by full name.
     time : (r,) array, optional
         s, of each row, where a drift of the biases is a candidate.
+    families : mapping of str to sequence of str, optional
+        Names of parameters that are tested together, by their full names: coefficients in place of
+        those of one short name, parameters of the bench in place of each alone.
     """
 
     def candidates(x: Array) -> list[Candidate]:
@@ -82,46 +89,91 @@ def of_means(
         _, jacobian = larger.linearise(there)
         column = dict(zip(larger.names, jacobian.reshape(-1, len(larger.names)).T, strict=True))
         return [
-            *_of_sensor(sensor, names, column),
-            *of_bench(declared, column),
-            *of_rows(larger.observations, sensor),
+            *of_columns(larger.observations, sensor, names, declared, column, families),
             *(() if time is None else of_drift(larger.observations, sensor, time)),
         ]
 
     return candidates
 
 
+def of_columns(
+    observations: Sequence[str],
+    sensor: Sensor,
+    names: Sequence[str],
+    declared: Mapping[str, Parameter],
+    column: Mapping[str, Array],
+    families: Mapping[str, Sequence[str]] | None = None,
+) -> list[Candidate]:
+    """Return the candidates of m observations by their columns (m,), as of `of_means`."""
+    families = families or {}
+    return [
+        *_of_sensor(sensor, names, column, families),
+        *of_bench(declared, column, families),
+        *of_rows(observations, sensor),
+    ]
+
+
 def _of_sensor(
-    sensor: Sensor, names: Sequence[str], column: Mapping[str, Array]
+    sensor: Sensor,
+    names: Sequence[str],
+    column: Mapping[str, Array],
+    families: Mapping[str, Sequence[str]],
 ) -> list[Candidate]:
     """Return the coefficients that are not estimated: those of a kind together, and each alone."""
     larger = extended(sensor)
-    families: dict[tuple[str, str], list[str]] = {}
+    kinds: dict[tuple[str, str], list[str]] = {}
     for full in larger.coefficients:
         axis, _, short = full.partition(".")
-        if full in names or full not in column or not np.any(column[full]):
+        if full in names or full not in column or not _acts(column[full]):
             continue
         measures = next(a.measures for a in sensor.axes if a.name == axis)
-        families.setdefault((measures, short), []).append(full)
-    made: list[Candidate] = []
-    for (_, short), members in families.items():
-        units = {full: SI_UNITS[larger.coefficient(full).unit] for full in members}
-        together = [(short, tuple(members))] if len(members) > 1 else []
-        for name, chosen in (*together, *((full, (full,)) for full in members)):
-            rows = np.stack([column[full] for full in chosen], axis=-1)
-            made.append(
-                Candidate(name, "coefficient", chosen, tuple(units[n] for n in chosen), rows)
-            )
-    return made
-
-
-def of_bench(declared: Mapping[str, Parameter], column: Mapping[str, Array]) -> list[Candidate]:
-    """Return the parameters of the bench that act on many rows, by their columns (m,)."""
+        for kind in _families_of(full, families) or [short]:
+            kinds.setdefault((measures, kind), []).append(full)
+    together = [(kind, tuple(members)) for (_, kind), members in kinds.items() if len(members) > 1]
+    alone = [(full, (full,)) for full in dict.fromkeys(chain(*kinds.values()))]
     return [
-        Candidate(name, "bench", (name,), (parameter.unit,), column[name][:, None])
-        for name, parameter in declared.items()
-        if parameter.scope in _SHARED and name in column and np.any(column[name])
+        Candidate(
+            name,
+            "coefficient",
+            members,
+            tuple(SI_UNITS[larger.coefficient(full).unit] for full in members),
+            np.stack([column[full] for full in members], axis=-1),
+        )
+        for name, members in (*together, *alone)
     ]
+
+
+def _families_of(full: str, families: Mapping[str, Sequence[str]]) -> list[str]:
+    """Return the names of the families that a parameter is a member of."""
+    return [name for name, members in families.items() if full in members]
+
+
+def of_bench(
+    declared: Mapping[str, Parameter],
+    column: Mapping[str, Array],
+    families: Mapping[str, Sequence[str]] | None = None,
+) -> list[Candidate]:
+    """Return the parameters of the bench that act on many rows, by their columns (m,)."""
+    kinds: dict[str, list[str]] = {}
+    for name, parameter in declared.items():
+        if parameter.scope in _SHARED and name in column and _acts(column[name]):
+            for kind in _families_of(name, families or {}) or [name]:
+                kinds.setdefault(kind, []).append(name)
+    return [
+        Candidate(
+            kind,
+            "bench",
+            tuple(members),
+            tuple(declared[name].unit for name in members),
+            np.stack([column[name] for name in members], axis=-1),
+        )
+        for kind, members in kinds.items()
+    ]
+
+
+def _acts(column: Array) -> bool:
+    """Return whether a parameter acts on the observations by more than rounding."""
+    return bool(np.max(np.abs(column), initial=0.0) > _ROUNDED)
 
 
 def of_rows(observations: Sequence[str], sensor: Sensor) -> list[Candidate]:

@@ -58,6 +58,7 @@ from inercal.methods import by_angle, vectors
 from inercal.methods import tumble_harmonics as harmonics
 from inercal.methods._base import Method
 from inercal.methods.dual_orthogonal import together
+from inercal.methods.likelihood_tests import with_tests
 from inercal.methods.observed import require_observed
 from inercal.motion import Motion
 from inercal.plan import Index
@@ -183,6 +184,7 @@ def fourier(
     variance = np.linalg.eigvalsh(covariance / np.outer(sensor.natural, sensor.natural))
     singular = 1 / np.sqrt(variance)
     estimate = Estimate.of_formulas(sensor.coefficients, value, covariance, singular)
+    estimate = with_tests(estimate, by_angle.problem(observations, sensor, bench, steps))
     return replace(estimate, notes=harmonics.notes(angle))
 
 

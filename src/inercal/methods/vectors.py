@@ -91,6 +91,7 @@ def problem(
     dwells: Callable[[Array, Felt], Array] | None = None,
     gauges: tuple[Gauge, ...] = (),
     timed: bool = False,
+    families: Mapping[str, Sequence[str]] | None = None,
 ) -> Problem:
     """Return the problem of all readings.
 
@@ -113,6 +114,8 @@ def problem(
     gauges : tuple of Gauge
     timed : bool
         Whether a drift of the biases over the rows' times is a candidate of the score tests.
+    families : mapping of str to sequence of str, optional
+        Of candidates, as of `inercal.methods.candidates.of_means`.
     """
     p = len(sensor.coefficients)
     loose, known = split(declared)
@@ -161,7 +164,7 @@ def problem(
         observations=tuple(f"{a}[{row}]" for row in observations.labels for a in sensor.channels),
         rounding=float(np.max(largest)) * ROUNDING,
         candidates=candidates.of_means(
-            larger, names, sensor, declared, observations.time if timed else None
+            larger, names, sensor, declared, observations.time if timed else None, families
         ),
     )
 

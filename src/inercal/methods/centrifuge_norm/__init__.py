@@ -28,7 +28,8 @@ from inercal.estimate import Estimate, Gaussian, least_squares
 from inercal.methods._base import Method
 from inercal.methods.centrifuge_norm import closed
 from inercal.methods.centrifuge_norm.plans import plan
-from inercal.methods.centrifuge_norm.problems import by_norm, problem
+from inercal.methods.centrifuge_norm.problems import by_norm, by_norm_exact, problem
+from inercal.methods.likelihood_tests import with_tests
 from inercal.methods.observed import NOISE_ALONE, require_observed
 from inercal.plan import Spin
 from inercal.recording import Observations
@@ -206,7 +207,11 @@ def _closed(
             f"estimator {name}: the noise is larger than what k2 leaves in the fourth powers of "
             f"{', '.join(lost)}, whose square root it takes; use series or ml"
         )
-    return Estimate.of_formulas(sensor.coefficients, value, spread, singular, (NOISE_ALONE,))
+    return with_tests(
+        Estimate.of_formulas(sensor.coefficients, value, spread, singular, (NOISE_ALONE,)),
+        problem(observations, sensor, bench, steps),
+        by_norm_exact(observations, sensor, bench, steps),
+    )
 
 
 METHOD = Method(

@@ -10,6 +10,7 @@ norms tell.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
@@ -18,10 +19,11 @@ from numpy.typing import NDArray
 from inercal.benches.arm import FeltNorm, FeltVector, felt_norm, felt_vector
 from inercal.benches.centrifuge import Centrifuge
 from inercal.estimate import Gaussian, Problem
-from inercal.methods import vectors
+from inercal.methods import candidates, vectors
 from inercal.methods.centrifuge_norm.gauge import gauges, known_nulls, require_gauge
 from inercal.motion import Motion
 from inercal.observe import NoisyNorm, noisy_norm, norm
+from inercal.parameters import Parameter
 from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import Sensor
@@ -62,9 +64,71 @@ def by_norm(
         Lever arms, and a step of unknown attitude.
     """
     require_gauge(sensor, priors)
-    p = len(sensor.coefficients)
     turning = sensor.uses("wi", "wp", "wo") and bench.platform == "locked"
     declared = bench.nuisances(steps, vectors=turning)
+    built = _of_norms(observations, sensor, bench, steps, declared, priors)
+    larger = _larger(sensor, bench, steps)
+
+    def extended() -> Problem:
+        return _of_norms(observations, larger, bench, steps, candidates.freed(declared))
+
+    return replace(
+        built,
+        gauges=gauges(sensor),
+        known_nulls=known_nulls(sensor, len(built.names)),
+        candidates=candidates.of_means(
+            extended, built.names, larger, declared, families=_nonorthogonality(sensor)
+        ),
+    )
+
+
+def by_norm_exact(
+    observations: Observations, sensor: Sensor, bench: Centrifuge, steps: Sequence[Spin]
+) -> Problem:
+    """Return the problem of norms with the bench taken as exact: the readings' noise alone."""
+    exact = replace(bench, dwell_rate=0.0, dwell_tilt=0.0)
+    declared = exact.nuisances(steps, vectors=False)
+    known = {name: replace(parameter, sd=0.0) for name, parameter in declared.items()}
+    return _of_norms(observations, sensor, exact, steps, known)
+
+
+def _larger(sensor: Sensor, bench: Centrifuge, steps: Sequence[Spin]) -> Sensor:
+    """Return the sensor with all coefficients that norms can show, those of `sensor` first.
+
+    Of the misalignments these are the non-orthogonality, which is a name that a user can choose;
+    terms of the rate count where the rate in the body is known.
+    """
+    turns = bench.platform == "locked" and all(step.attitude is not None for step in steps)
+    words = ("nonlinearity", "asymmetry", "cross", *(("rotation", "arm") if turns else ()))
+    words += ("nonorthogonality",) if _is_triad(sensor) else ("misalignment",)
+    shown = sensor.with_coefficients("bias", "scale", *words).coefficients
+    more = tuple(name for name in shown if name not in sensor.coefficients)
+    return replace(sensor, coefficients=(*sensor.coefficients, *more))
+
+
+def _nonorthogonality(sensor: Sensor) -> dict[str, tuple[str, ...]]:
+    """Return the family of misalignments that rotate no triad, by the name that a user chooses."""
+    if not _is_triad(sensor):
+        return {}
+    return {"nonorthogonality": sensor.with_coefficients("nonorthogonality").coefficients}
+
+
+def _is_triad(sensor: Sensor) -> bool:
+    i = np.array([axis.i for axis in sensor.axes])
+    return len(i) == 3 and bool(np.allclose(i @ i.T, np.eye(3), atol=1e-9))
+
+
+def _of_norms(
+    observations: Observations,
+    sensor: Sensor,
+    bench: Centrifuge,
+    steps: Sequence[Spin],
+    declared: Mapping[str, Parameter],
+    priors: Sequence[Gaussian] = (),
+) -> Problem:
+    """Return the problem of norms for any coefficients, without gauges."""
+    p = len(sensor.coefficients)
+    turning = sensor.uses("wi", "wp", "wo") and bench.platform == "locked"
     loose, known = vectors.split(declared)
     shared = _shared(observations, bench, steps)
 
@@ -119,10 +183,8 @@ def by_norm(
         noise=noise,
         scale=vectors.scale(sensor, loose),
         priors=vectors.with_bench(loose, priors),
-        gauges=gauges(sensor),
         wanted=sensor.coefficients,
         observations=observations.labels,
-        known_nulls=known_nulls(sensor, p + len(loose)),
         rounding=rounding,
     )
 
@@ -178,6 +240,8 @@ def by_vector(
         priors,
         dwells=dwells if own else None,
         gauges=gauges(sensor),
+        families=_nonorthogonality(sensor)
+        | {"misalignment": sensor.with_coefficients("misalignment").coefficients},
     )
 
 

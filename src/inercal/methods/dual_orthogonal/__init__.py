@@ -23,13 +23,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches.dividing_head import DividingHead
-from inercal.estimate import Estimate, Gaussian, least_squares
+from inercal.estimate import Estimate, Gaussian, Scored, least_squares
 from inercal.methods import by_angle, vectors
 from inercal.methods._base import Method
 from inercal.methods.dual_orthogonal import patent as four
 from inercal.methods.dual_orthogonal import square
 from inercal.methods.dual_orthogonal.common import with_common_angle
 from inercal.methods.dual_orthogonal.together import notes
+from inercal.methods.likelihood_tests import with_tests
 from inercal.methods.observed import require_observed
 from inercal.plan import Index
 from inercal.recording import Observations
@@ -98,6 +99,7 @@ def patent(
     there = by_angle.as_stated(steady, sensor, bench, steps)
     estimate = four.estimate(there, sensor, bench, steps, priors)
     estimate = with_common_angle(estimate, observations, sensor, bench, steps)
+    estimate = with_tests(estimate, by_angle.problem(observations, sensor, bench, steps, priors))
     return replace(estimate, notes=(*notes(estimate, bench, priors), *estimate.notes))
 
 
@@ -158,13 +160,15 @@ def single(
     weighted = np.asarray(np.linalg.solve(asked.noise, rows), dtype=float)
     gain = found.covariance @ np.swapaxes(weighted, -1, -2)
     bench_alone = by_angle.by_bench(sensor, bench, steps)
-    return replace(
+    estimate = replace(
         found,
         covariance=found.covariance + gain @ bench_alone @ np.swapaxes(gain, -1, -2),
         # The residuals hold the head's errors besides their noise: no test of either.
         chi2=np.zeros(found.value.shape[:-1]),
         dof=0,
+        scored=Scored(),
     )
+    return with_tests(estimate, by_angle.problem(observations, sensor, bench, steps, priors))
 
 
 METHOD = Method(

@@ -24,10 +24,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.dividing_head import DividingHead, felt
-from inercal.benches.passes import places
+from inercal.benches.dividing_head import DividingHead, drift_names, felt
+from inercal.benches.passes import places, ramps
 from inercal.errors import InputError, NotObserved
-from inercal.estimate import Gauge, Gaussian, Problem, least_squares
+from inercal.estimate import Candidate, Gauge, Gaussian, Problem, least_squares
+from inercal.methods import candidates
+from inercal.methods.by_angle import larger_sensor
 from inercal.methods.vectors import ROUNDING
 from inercal.motion import Motion
 from inercal.plan import Index
@@ -152,6 +154,23 @@ def problem(
         seen = compare(sensor, y, x, g)
         return seen.residual, seen.jacobian
 
+    def suspects(x: Array) -> list[Candidate]:
+        larger = larger_sensor(sensor)
+        there = np.concatenate([x, np.zeros(len(larger.coefficients) - p)])
+        seen = compare(larger, y, there, g)
+        column = dict(zip(larger.coefficients, seen.jacobian.T, strict=True))
+        if not {f"{channel}.k1" for channel in sensor.channels} <= set(sensor.coefficients):
+            column["g"] = np.full(len(steps), -1.0)  # else a part in a million of it is no k1
+        families: dict[str, list[str]] = {}
+        for k, channel in enumerate(sensor.channels):
+            for name, ramp in zip(drift_names(channel, steps), ramps(steps), strict=True):
+                column[name] = -seen.by_reading[:, k] * ramp
+                families.setdefault(f"drift of {channel}", []).append(name)
+        declared = bench.nuisances(steps, sensor.channels)
+        return candidates.of_columns(
+            observations.labels, larger, sensor.coefficients, declared, column, families
+        )
+
     return Problem(
         names=sensor.coefficients,
         start=np.zeros(p),
@@ -163,6 +182,7 @@ def problem(
         observations=observations.labels,
         known_nulls=null_vectors(sensor, g),
         rounding=g / float(np.sqrt(np.diagonal(noise, axis1=-2, axis2=-1).min())) * ROUNDING,
+        candidates=suspects,
     )
 
 
