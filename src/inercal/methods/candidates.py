@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 _SHARED = ("run", "speed", "mounting", "pass")
 # Nothing of a temperature is in the rows of a problem of means.
 _LEFT_OUT = ("temperature",)
+_COMPONENTS = ("x", "y", "z", "1", "2")
 _SI = {"f": "m/s²", "w": "rad/s"}
 
 
@@ -116,12 +117,32 @@ def _of_sensor(
 
 
 def of_bench(declared: Mapping[str, Parameter], column: Mapping[str, Array]) -> list[Candidate]:
-    """Return the parameters of the bench that act on many rows, by their columns (m,)."""
+    """Return the parameters of the bench that act on many rows, by their columns (m,).
+
+    The components of one vector at one place, "pose_x[XY30]" to "pose_z[XY30]", are one candidate,
+    "pose[XY30]": which of them is off is in their sizes.
+    """
+    families: dict[str, list[str]] = {}
+    for full, parameter in declared.items():
+        if parameter.scope in _SHARED and full in column and np.any(column[full]):
+            families.setdefault(_of_vector(full), []).append(full)
     return [
-        Candidate(name, "bench", (name,), (parameter.unit,), column[name][:, None])
-        for name, parameter in declared.items()
-        if parameter.scope in _SHARED and name in column and np.any(column[name])
+        Candidate(
+            name if len(members) > 1 else members[0],
+            "bench",
+            tuple(members),
+            tuple(declared[full].unit for full in members),
+            np.stack([column[full] for full in members], axis=-1),
+        )
+        for name, members in families.items()
     ]
+
+
+def _of_vector(full: str) -> str:
+    """Return "pose[XY30]" of "pose_x[XY30]", and any other name as it is."""
+    name, bracket, place = full.partition("[")
+    stem, _, component = name.rpartition("_")
+    return stem + bracket + place if bracket and stem and component in _COMPONENTS else full
 
 
 def of_rows(observations: Sequence[str], sensor: Sensor) -> list[Candidate]:
