@@ -240,10 +240,10 @@ def _compared(model: Affine, a: Array, level: Sequence[int], groups: Sequence[in
 
 
 def _whitener(spread: Array) -> Array:
-    """Return W with W S Wᵀ = I, (..., m, m)."""
+    """Return the symmetric W with W S W = I, (..., m, m): each row stays nearly itself."""
     variance, directions = np.linalg.eigh(spread)
     variance = np.maximum(variance, _FLOOR * variance[..., -1:])
-    return np.asarray(np.swapaxes(directions, -1, -2) / np.sqrt(variance)[..., None])
+    return (directions / np.sqrt(variance)[..., None, :]) @ np.swapaxes(directions, -1, -2)
 
 
 def _turned(model: Affine, a: Array, f: Array) -> Affine:
