@@ -29,6 +29,7 @@ _SHARED = ("run", "speed", "mounting", "pass")
 _LEFT_OUT = ("temperature",)
 # SI per SI unit: whole turns leave this little of what they take out.
 _ROUNDED = 1e-12
+_COMPONENTS = ("x", "y", "z", "1", "2")
 _SI = {"f": "m/s²", "w": "rad/s"}
 
 
@@ -153,15 +154,19 @@ def of_bench(
     column: Mapping[str, Array],
     families: Mapping[str, Sequence[str]] | None = None,
 ) -> list[Candidate]:
-    """Return the parameters of the bench that act on many rows, by their columns (m,)."""
+    """Return the parameters of the bench that act on many rows, by their columns (m,).
+
+    The components of one vector at one place, "pose_x[XY30]" to "pose_z[XY30]", are one candidate,
+    "pose[XY30]": which of them is off is in their sizes.
+    """
     kinds: dict[str, list[str]] = {}
     for name, parameter in declared.items():
         if parameter.scope in _SHARED and name in column and _acts(column[name]):
-            for kind in _families_of(name, families or {}) or [name]:
+            for kind in _families_of(name, families or {}) or [_of_vector(name)]:
                 kinds.setdefault(kind, []).append(name)
     return [
         Candidate(
-            kind,
+            kind if len(members) > 1 else members[0],
             "bench",
             tuple(members),
             tuple(declared[name].unit for name in members),
@@ -174,6 +179,13 @@ def of_bench(
 def _acts(column: Array) -> bool:
     """Return whether a parameter acts on the observations by more than rounding."""
     return bool(np.max(np.abs(column), initial=0.0) > _ROUNDED)
+
+
+def _of_vector(full: str) -> str:
+    """Return "pose[XY30]" of "pose_x[XY30]", and any other name as it is."""
+    name, bracket, place = full.partition("[")
+    stem, _, component = name.rpartition("_")
+    return stem + bracket + place if bracket and stem and component in _COMPONENTS else full
 
 
 def of_rows(observations: Sequence[str], sensor: Sensor) -> list[Candidate]:

@@ -20,13 +20,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches.mountings import PLANES, planar_plan, tilted
-from inercal.benches.rate_table import RateTable, by_parameter, felt
+from inercal.benches.rate_table import RateTable, felt
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate, Gaussian, NullDirection
 from inercal.methods import vectors
 from inercal.methods._base import Method
 from inercal.methods.affine import Affine, require_twelve, to_coefficients
 from inercal.methods.observed import require_observed
+from inercal.methods.ship_consistency import Consistency, consistency, of_rows
 from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import G0, Sensor
@@ -66,26 +67,6 @@ def level(a: Array, f: Array) -> Level:
     return Level(model, gain.reshape(*lead, 12, 3 * r))
 
 
-def of_rows(
-    observations: Observations, bench: RateTable, steps: Sequence[Spin], matrix: Array
-) -> Array:
-    """Return the covariance of M a + p − f over all rows, by noise and bench, (..., 3 r, 3 r) g².
-
-    Parameters
-    ----------
-    observations, bench, steps
-        Of r rows.
-    matrix : (..., 3, 3) array
-        M.
-    """
-    r, size = len(steps), 3 * len(steps)
-    noise = observations.full_covariance
-    noise = noise.reshape(*noise.shape[:-2], r, 3, r, 3)
-    turned = np.einsum("...ij,...ajbk,...lk->...aibl", matrix, noise, matrix, optimize=True)
-    made = by_parameter(bench, steps).reshape(-1, size)
-    return (turned.reshape(*turned.shape[:-4], size, size) + made.T @ made) / G0**2
-
-
 def require_excited(bench: RateTable, steps: Sequence[Spin]) -> None:
     """Refuse states that leave an axis unexcited, or excited with another one or with the bias.
 
@@ -116,13 +97,14 @@ def require_excited(bench: RateTable, steps: Sequence[Spin]) -> None:
     )
 
 
-def unjudged(
+def estimate_of(
     sensor: Sensor,
     model: Affine,
     covariance: Array,
     residual: Array,
     variance: Array,
     observations: tuple[str, ...],
+    agreement: Consistency,
     *,
     notes: tuple[str, ...],
     rank: int = 12,
@@ -132,7 +114,8 @@ def unjudged(
 ) -> Estimate:
     """Return the estimate of a model whose rows weigh alike and share the bench's errors.
 
-    Their residuals are no test of either: χ² has no degrees of freedom.
+    Its own residuals are standardised row by row; χ² is that of all rows together, with the
+    covariance that the bench's errors make between them.
 
     Parameters
     ----------
@@ -144,6 +127,8 @@ def unjudged(
     residual, variance : (..., m) arrays
         In g and g².
     observations : tuple of m str
+    agreement : Consistency
+        Of the rows that were used.
     notes, rank, null_directions, converged, iterations
         Of the estimate.
     """
@@ -157,8 +142,8 @@ def unjudged(
         names=sensor.coefficients,
         value=value,
         covariance=whole,
-        chi2=np.zeros(trials),
-        dof=0,
+        chi2=agreement.chi2,
+        dof=agreement.dof,
         residual=residual * G0,
         whitened=residual / np.where(sd > 0, sd, np.inf),
         observations=observations,
@@ -170,6 +155,7 @@ def unjudged(
         converged=np.ones(trials, dtype=bool) if converged is None else converged,
         iterations=np.ones(trials, dtype=np.intp) if iterations is None else iterations,
         notes=notes,
+        scored=agreement.scored,
     )
 
 
@@ -227,13 +213,17 @@ def of_level(
     model, gain = level(a, f)
     at = np.array([3 * k + axis for k in rows for axis in range(3)])
     spread = of_rows(observations, bench, steps, model.matrix)[..., at, :][..., at]
-    estimate = unjudged(
+    whole = np.zeros((*gain.shape[:-1], 3 * len(steps)))
+    whole[..., at] = gain
+    agreement = consistency(observations, sensor, bench, steps, model, whole, rows)
+    estimate = estimate_of(
         sensor,
         model,
         gain @ spread @ np.swapaxes(gain, -1, -2),
         (f - model.correct(a)).reshape(*a.shape[:-2], -1),
         np.diagonal(spread, axis1=-2, axis2=-1),
         tuple(f"f{axis}[{step.label}]" for step in here for axis in "xyz"),
+        agreement,
         notes=(
             "the mountings' nominal axes are the frame; what pose, seat, speed and lean do to the "
             "coefficients is in their uncertainties",

@@ -10,15 +10,21 @@ from numpy.typing import NDArray
 from inercal.benches import RateTable
 from inercal.benches.rate_table import felt
 from inercal.errors import InputError
+from inercal.methods.affine import Affine
 from inercal.pipeline.inputs import readback_units
 from inercal.plan import Spin
 from inercal.recording import Observations, Recording
 from inercal.runfile import Run
 from inercal.segments.dwells import ARM_RATE
+from inercal.sensors import G0
 from inercal.units import factor
 
 Array = NDArray[np.float64]
-_OFF = 0.2  # of a norm: no scale factor, bias or cross-axis term of a usable sensor makes it so
+_OFF = 0.2  # of a norm, once a rough model of the triad is taken out of the readings
+_USABLE = (0.5, 2.0)  # times nominal: scale factors of a triad that a run file states rightly
+_DETERMINED = 0.05  # of the largest singular value: below, rows do not determine a triad
+_ALIKE = 1e-3  # g: residuals below weigh alike
+_REWEIGHTED = 20
 _UNITS = ("rad/s", "rpm", "rev/s", "°/s")
 _FEWEST = 4  # states that tell which axis is which
 _FAST = 0.9  # of the fastest rate: samples that tell the unit
@@ -70,23 +76,65 @@ def _made(bench: RateTable, steps: Sequence[Spin], times: float = 1.0) -> Array:
     return felt(bench, [replace(step, rate=step.rate * times) for step in steps], {}).f
 
 
+def _triad(read: Array, made: Array) -> Affine | None:
+    """Return a rough model of the triad, M a + p = f, in m/s²: by least absolute deviations.
+
+    A sensor as delivered may have a bias of 0.3 g and a scale factor 20 % off. It is judged by what
+    is left once that is taken out, so that what remains to be noticed is a mistake. One wrong row
+    bends least absolute deviations little.
+
+    Parameters
+    ----------
+    read, made : (r, 3) arrays
+        Readings, and the nominal specific force, m/s².
+
+    Returns
+    -------
+    Affine or None
+        None where the rows do not determine it, or it is that of no usable sensor.
+    """
+    columns = np.concatenate([made, np.full((len(made), 1), G0)], axis=-1)
+    size = np.linalg.svd(columns, compute_uv=False)
+    if len(columns) < columns.shape[1] or size[-1] < _DETERMINED * size[0]:
+        return None
+    weight = np.ones(len(read))
+    solved = np.zeros((4, 3))
+    for _ in range(_REWEIGHTED):
+        root = np.sqrt(weight)[:, None]
+        solved = np.linalg.lstsq(root * columns, root * read, rcond=None)[0]
+        left = np.linalg.norm(read - columns @ solved, axis=-1)
+        weight = 1 / np.maximum(left, _ALIKE * G0)
+    scale = np.linalg.svd(solved[:3], compute_uv=False)
+    if scale[-1] < _USABLE[0] or scale[0] > _USABLE[1]:
+        return None
+    return Affine(np.asarray(solved[:3].T, dtype=float), solved[3] * G0).inverse
+
+
 def require_rates(
     run: Run, observations: Observations, bench: RateTable, steps: Sequence[Spin]
 ) -> None:
-    """Refuse rates in another unit than stated: the norms of the readings tell."""
+    """Refuse rates in another unit than stated: the norms of the readings tell.
+
+    Norms are those of the readings once a rough model of the triad has corrected them.
+    """
     turning = np.array([step.rate != 0 for step in steps])
     if not turning.any():
         return
-    read = np.linalg.norm(observations.mean, axis=-1)
+
+    def norms(times: float) -> tuple[Array, Array]:
+        made = _made(bench, steps, times)
+        model = _triad(observations.mean, made)
+        read = observations.mean if model is None else model.correct(observations.mean)
+        return np.linalg.norm(read, axis=-1), np.linalg.norm(made, axis=-1)
 
     def off(times: float) -> float:
-        made = np.linalg.norm(_made(bench, steps, times), axis=-1)
+        read, made = norms(times)
         return float(np.max(np.abs(read / made - 1)[turning]))
 
     if off(1.0) <= _OFF:
         return
     _refuse_unit(run, off)
-    made = np.linalg.norm(_made(bench, steps), axis=-1)
+    read, made = norms(1.0)
     worst = int(np.argmax(np.abs(read / made - 1) * turning))
     raise InputError(
         f"{run.path}: {steps[worst].label}: the readings' norm is {read[worst]:.4g} m/s² where "
@@ -102,6 +150,10 @@ def require_axes(
     if len(steps) < _FEWEST:
         return
     made, read = _made(bench, steps), observations.mean
+    model = _triad(read, made)
+    if model is not None:
+        # Its bias is no sign of a wrong axis: what remains is how its axes stand.
+        read = read - model.inverse.offset
     fits = {
         (order, signs): float(np.sum((read[:, order] * np.array(signs) - made) ** 2))
         for order in permutations(range(3))

@@ -17,23 +17,20 @@ Source: Xiao Changrun, Liu Yang, Liu Ruijie, Transducer and Microsystem Technolo
 its text. `joint`, `planar_norm` and all covariances are ours.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from inercal.benches.mountings import Reading, multi_angle_plan, planar_plan
-from inercal.benches.rate_table import RateTable, felt, mountings
+from inercal.benches.rate_table import RateTable, mountings
 from inercal.errors import NotObserved
 from inercal.estimate import Estimate, Gaussian, least_squares
 from inercal.methods import vectors
 from inercal.methods._base import Method
 from inercal.methods.observed import require_observed
+from inercal.methods.ship_consistency import joint_problem
 from inercal.methods.ship_multi_angle.both import planar_norm
 from inercal.methods.ship_multi_angle.by_norms import damped, global_
 from inercal.methods.ship_planar import planar, require_excited
-from inercal.motion import Motion
 from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import Sensor
@@ -88,12 +85,7 @@ def joint(
         Coefficients that these states leave open.
     """
     vectors.require_rows(observations, sensor, steps)
-
-    def feel(q: Mapping[str, NDArray[np.float64]]) -> vectors.Felt:
-        made = felt(bench, steps, q)
-        return vectors.Felt(Motion(made.f), made.by)
-
-    asked = vectors.problem(observations, sensor, bench.nuisances(steps), feel, priors)
+    asked = joint_problem(observations, sensor, bench, steps, priors)
     try:
         estimate = least_squares(asked)
         require_observed(estimate, sensor, missing=())

@@ -15,9 +15,9 @@ from inercal.benches.rate_table import RateTable, felt
 from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian, Problem, least_squares
 from inercal.methods.affine import IDEAL, NAMES, Affine
-from inercal.methods.ship_multi_angle.norms import rows
+from inercal.methods.ship_consistency import consistency, linearised, of_rows
 from inercal.methods.ship_multi_angle.states import columns, of_norms, tilted_rows
-from inercal.methods.ship_planar import of_rows, require_excited, unjudged
+from inercal.methods.ship_planar import estimate_of, require_excited
 from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import G0, Sensor
@@ -64,7 +64,10 @@ def planar_norm(
         compared[..., size + k, 3 * group : 3 * group + 3] = along[..., k, :]
     spread = of_rows(observations, bench, steps, model.matrix)
     spread = compared @ spread @ np.swapaxes(compared, -1, -2)
-    return unjudged(
+    agreement = consistency(
+        observations, sensor, bench, steps, model, gain @ compared, rest, groups
+    )
+    return estimate_of(
         sensor,
         model,
         gain @ spread @ np.swapaxes(gain, -1, -2),
@@ -74,35 +77,9 @@ def planar_norm(
             *(f"f{axis}[{step.label}]" for step in here for axis in "xyz"),
             *(f"|f|[{steps[k].label}]" for k in groups),
         ),
+        agreement,
         notes=("no direction is null; the untilted mountings' nominal axes are the frame",),
         converged=converged,
-    )
-
-
-def linearised(
-    model: Affine, level: Array, f: Array, groups: Array, square: Array
-) -> tuple[Array, Array]:
-    """Return what was felt minus what the model says, (..., 3 r + s) g, and its slopes by θ.
-
-    Parameters
-    ----------
-    model : Affine
-    level, f : (..., r, 3) and (r, 3) arrays
-        Readings of untilted states, and what the bench says was felt, g.
-    groups, square : (..., s, 3) and (s,) arrays
-        Readings of tilted states, g, and A² + 1, g².
-    """
-    away = f - model.correct(level)
-    length = np.linalg.norm(model.correct(groups), axis=-1)
-    by_vector = np.zeros((*away.shape, 12))
-    for axis in range(3):
-        by_vector[..., axis, 3 * axis : 3 * axis + 3] = level
-        by_vector[..., axis, 9 + axis] = 1.0
-    by_norm = rows(model, groups) / (2 * length[..., None])
-    lead = away.shape[:-2]
-    return (
-        np.concatenate([away.reshape(*lead, -1), np.sqrt(square) - length], axis=-1),
-        np.concatenate([by_vector.reshape(*lead, -1, 12), by_norm], axis=-2),
     )
 
 

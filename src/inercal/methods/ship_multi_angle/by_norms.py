@@ -7,6 +7,7 @@ sensor's frame is stated it takes the rotation's place: nothing else decides it,
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +16,13 @@ from inercal.benches.rate_table import RateTable
 from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian, NullDirection
 from inercal.methods.affine import IDEAL, NAMES, Affine
+from inercal.methods.ship_consistency import consistency, of_rows
 from inercal.methods.ship_multi_angle import gauge, norms
 from inercal.methods.ship_multi_angle.evolution import Found, Generation, Options, search
 from inercal.methods.ship_multi_angle.freedom import Free, free, seen, turns_left
 from inercal.methods.ship_multi_angle.starts import require_settled, start_of
 from inercal.methods.ship_multi_angle.states import columns, of_norms, tilted_rows
-from inercal.methods.ship_planar import of_rows, unjudged
+from inercal.methods.ship_planar import estimate_of
 from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import Sensor
@@ -70,6 +72,7 @@ def damped(
     spread = of_rows(observations, bench, steps, done.model.matrix)
     whole = np.zeros((*told.gain.shape[:-1], 3 * len(steps)))
     whole[..., columns(groups)] = told.gain
+    rest: list[int] = []
     if start.gain is not None:
         rest = [k for k in range(len(steps)) if k not in groups]
         whole[..., columns(rest)] = told.free @ start.gain
@@ -77,7 +80,8 @@ def damped(
     if start.stated is not None:
         covariance = covariance + told.free @ start.stated @ told.free
     decided = ("damping alone", start.whose)
-    return _estimate(observations, sensor, bench, steps, groups, done, covariance, decided)
+    rows = _Rows(rest, groups, whole)
+    return _estimate(observations, sensor, bench, steps, rows, done, covariance, decided)
 
 
 def global_(
@@ -127,12 +131,14 @@ def global_(
     at = columns(groups)
     spread = of_rows(observations, bench, steps, done.model.matrix)[np.ix_(at, at)]
     even = told.free @ np.diag(options.bounds.half**2 / 3) @ told.free
+    whole = np.zeros((12, 3 * len(steps)))
+    whole[:, at] = told.gain
     estimate = _estimate(
         observations,
         sensor,
         bench,
         steps,
-        groups,
+        _Rows([], groups, whole),
         done,
         told.gain @ spread @ told.gain.T + even,
         ("chance", "an even distribution over the bounds"),
@@ -178,17 +184,26 @@ def _framed(sensor: Sensor, done: norms.Damped) -> norms.Damped:
     return done._replace(model=gauge.symmetric(done.model))
 
 
+class _Rows(NamedTuple):
+    """The rows that an estimator used, and its gain."""
+
+    level: Sequence[int]
+    groups: Sequence[int]
+    gain: Array  # (..., 12, 3 r), θ by the errors of M a + p − f of all rows
+
+
 def _estimate(
     observations: Observations,
     sensor: Sensor,
     bench: RateTable,
     steps: Sequence[Spin],
-    groups: Sequence[int],
+    used: _Rows,
     done: norms.Damped,
     covariance: Array,
     decided: tuple[str, str],
 ) -> Estimate:
     """Return the estimate of norms; `decided` is by what, and whose uncertainty it is then."""
+    level, groups, gain = used
     a, square = of_norms(observations, bench, steps, groups)
     at, r = columns(groups), len(groups)
     spread = of_rows(observations, bench, steps, done.model.matrix)[..., at, :][..., at]
@@ -202,14 +217,17 @@ def _estimate(
     if sensor.frame != "mount":
         kept = gauge.restored(done.model)
         covariance = kept @ covariance @ np.swapaxes(kept, -1, -2)
+        gain = kept @ gain
+    agreement = consistency(observations, sensor, bench, steps, done.model, gain, level, groups)
     turns = turns_left(sensor, left)
-    return unjudged(
+    return estimate_of(
         sensor,
         done.model,
         covariance,
         np.sqrt(square) - length,
         np.einsum("...ai,...aij,...aj->...a", along, blocks, along),
         tuple(f"|f|[{steps[k].label}]" for k in groups),
+        agreement,
         notes=_warned(left, turns, decided),
         rank=left.rank,
         null_directions=(*turns, *left.blind, *left.weak),

@@ -1,0 +1,271 @@
+"""Whether rows on a rate table agree with one affine triad, whatever estimator was used on them.
+
+Untilted rows are compared as vectors, tilted ones as norms, in g::
+
+    f − (M a + p)          |f| − |M a + p|
+
+The errors of the rows share those of the bench. Their covariance S holds the noise of the readings
+and the bench's deviations, mapped to M a + p and on to the rows as compared. From the estimator's
+solution the rows are fitted by generalised least squares with S; what remains has
+
+    χ² = min r(θ)ᵀ S⁻¹ r(θ),   degrees of freedom = rows − directions of θ that the rows determine
+
+The residuals r = (I − A G) ε of a linear estimator with gain G have the singular covariance
+(I − A G) S (I − A G)ᵀ. By its pseudo-inverse they make the same χ²: both leave out the columns
+of A.
+
+Norms are those of any rotation of the triad: the solution is first turned to where its vectors lie
+nearest to what the bench states. Directions with a standard deviation above a tenth of their
+natural size are taken as the estimator left them, as they count as not observed.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches.rate_table import RateTable, by_parameter, felt
+from inercal.estimate import Candidate, Gaussian, Problem, Scored, scored
+from inercal.methods import vectors
+from inercal.methods.affine import Affine, to_coefficients
+from inercal.methods.observed import OBSERVED
+from inercal.motion import Motion
+from inercal.plan import Spin
+from inercal.recording import Observations
+from inercal.sensors import G0, Sensor
+
+Array = NDArray[np.float64]
+_STEPS = 3  # of Gauss and Newton: norms are nearly linear in θ
+_FLOOR = 1e-14  # of the largest variance: below, a variance is rounding
+
+
+class Consistency(NamedTuple):
+    """χ² of (...) trials, its degrees of freedom, and the score tests of a single trial."""
+
+    chi2: Array
+    dof: int
+    scored: Scored
+
+
+def joint_problem(
+    observations: Observations,
+    sensor: Sensor,
+    bench: RateTable,
+    steps: Sequence[Spin],
+    priors: Sequence[Gaussian] = (),
+) -> Problem:
+    """Return the problem of all readings, with the bench's errors as nuisances."""
+
+    def motion(q: Mapping[str, Array]) -> vectors.Felt:
+        nominal = felt(bench, steps, q)
+        return vectors.Felt(Motion(nominal.f), nominal.by)
+
+    # Rows of a table are numbered; only means of samples have times.
+    timed = bool(np.any(observations.samples > 1))
+    declared = bench.nuisances(steps)
+    return vectors.problem(observations, sensor, declared, motion, priors, timed=timed)
+
+
+def of_rows(
+    observations: Observations, bench: RateTable, steps: Sequence[Spin], matrix: Array
+) -> Array:
+    """Return the covariance of M a + p − f over all rows, by noise and bench, (..., 3 r, 3 r) g².
+
+    Parameters
+    ----------
+    observations, bench, steps
+        Of r rows.
+    matrix : (..., 3, 3) array
+        M.
+    """
+    r, size = len(steps), 3 * len(steps)
+    noise = observations.full_covariance
+    noise = noise.reshape(*noise.shape[:-2], r, 3, r, 3)
+    turned = np.einsum("...ij,...ajbk,...lk->...aibl", matrix, noise, matrix, optimize=True)
+    made = by_parameter(bench, steps).reshape(-1, size)
+    return (turned.reshape(*turned.shape[:-4], size, size) + made.T @ made) / G0**2
+
+
+def linearised(
+    model: Affine, level: Array, f: Array, groups: Array, square: Array
+) -> tuple[Array, Array]:
+    """Return the residuals, (..., 3 r + s) g, and the slopes of what the model says by θ.
+
+    Parameters
+    ----------
+    model : Affine
+    level, f : (..., r, 3) and (r, 3) arrays
+        Readings of untilted states, and what the bench states, g.
+    groups, square : (..., s, 3) and (s,) arrays
+        Readings of tilted states, g, and A² + 1, g².
+    """
+    away = f - model.correct(level)
+    v = model.correct(groups)
+    length = np.linalg.norm(v, axis=-1)
+    by_vector = np.zeros((*away.shape, 12))
+    for axis in range(3):
+        by_vector[..., axis, 3 * axis : 3 * axis + 3] = level
+        by_vector[..., axis, 9 + axis] = 1.0
+    along = v / length[..., None]
+    by_matrix = along[..., :, None] * groups[..., None, :]
+    by_norm = np.concatenate([by_matrix.reshape(*along.shape[:-1], 9), along], axis=-1)
+    lead = away.shape[:-2]
+    return (
+        np.concatenate([away.reshape(*lead, -1), np.sqrt(square) - length], axis=-1),
+        np.concatenate([by_vector.reshape(*lead, -1, 12), by_norm], axis=-2),
+    )
+
+
+def consistency(
+    observations: Observations,
+    sensor: Sensor,
+    bench: RateTable,
+    steps: Sequence[Spin],
+    model: Affine,
+    gain: Array,
+    level: Sequence[int],
+    groups: Sequence[int] = (),
+) -> Consistency:
+    """Return the tests of the rows that an estimator used.
+
+    Parameters
+    ----------
+    observations, sensor, bench, steps
+        Of r rows.
+    model : Affine
+        The estimator's solution, of (...) trials.
+    gain : (..., 12, 3 r) array
+        ∂θ/∂ of errors of M a + p − f of all rows, axes within: how the estimator shifts.
+    level, groups : sequence of int
+        Rows compared as vectors, and as norms.
+    """
+    used = sorted((*level, *groups))
+    here = [steps[k] for k in used]
+    some = _rows(observations, used)
+    at_level, at_groups = ([used.index(k) for k in rows] for rows in (level, groups))
+    f = felt(bench, here, {}).f / G0
+    a, square = some.mean / G0, (f[at_groups] ** 2).sum(-1)
+    nearest = model if level else _turned(model, a, f)
+
+    def rows(model: Affine, readings: Array) -> tuple[Array, Array]:
+        of_level, of_groups = readings[..., at_level, :], readings[..., at_groups, :]
+        return linearised(model, of_level, f[at_level], of_groups, square)
+
+    def at(theta: Array) -> tuple[Array, Array]:
+        # Slopes at the noise of the readings would have a share of it, and so of the residuals.
+        here = Affine.of(theta)
+        return rows(here, a)[0], rows(here, here.inverse.correct(f))[1]
+
+    compared = _compared(nearest, a, at_level, at_groups)
+    spread = compared @ of_rows(some, bench, here, nearest.matrix) @ np.swapaxes(compared, -1, -2)
+    whitener = _whitener(spread)
+    theta = np.array(nearest.theta)
+    theta, u, residual = _fitted(theta, at, whitener)
+    chi2 = np.asarray((residual**2).sum(-1))
+    dof = residual.shape[-1] - u.shape[-1]
+    if observations.mean.ndim > 2:
+        return Consistency(chi2, dof, Scored())
+
+    fitted = Affine.of(theta)
+    value, _ = to_coefficients(sensor, fitted)
+    _, slope = to_coefficients(sensor, model)
+    asked = joint_problem(some, sensor, bench, here)
+    start = np.concatenate([value, asked.start[len(value) :]])
+    assert asked.candidates is not None
+    # As the slopes: where the rows are by the fit, without their noise.
+    expected = fitted.inverse.correct(f)
+    from_readings = whitener @ _compared(fitted, expected, at_level, at_groups)
+    own = [3 * k + axis for k in used for axis in range(3)]
+    whitened: list[Candidate] = []
+    shifted: list[Array] = []
+    for one in asked.candidates(start):
+        columns = one.rows.reshape(len(used), 3, -1)
+        whitened.append(replace(one, rows=from_readings @ _moved(fitted.matrix, columns)))
+        shifted.append(slope @ gain[:, own] @ _moved(model.matrix, columns))
+    found = scored(residual, u, whitened)
+    # The estimator weighs the rows otherwise than this fit: its own gain says how it shifts.
+    scores = tuple(
+        replace(one, shift=by @ np.nan_to_num(one.size))
+        for one, by in zip(found.scores, shifted, strict=True)
+    )
+    return Consistency(chi2, dof, found._replace(scores=scores))
+
+
+def _moved(matrix: Array, rows: Array) -> Array:
+    """Return what (r, 3, k) m/s² of readings adds to M a + p, (3 r, k) g."""
+    return np.einsum("ij,rjk->rik", matrix, rows).reshape(-1, rows.shape[-1]) / G0
+
+
+def _fitted(
+    theta: Array, at: Callable[[Array], tuple[Array, Array]], whitener: Array
+) -> tuple[Array, Array, Array]:
+    """Return θ of generalised least squares, the basis U of its columns, whitened residuals."""
+    residual, slope = at(theta)
+    s = np.linalg.svd(whitener @ slope, compute_uv=False)
+    count = int((s.reshape(-1, s.shape[-1])[0] > 1 / OBSERVED).sum())
+    for _ in range(_STEPS):
+        u, s, vt = _directions(whitener @ slope, count)
+        pull = np.swapaxes(u, -1, -2) @ (whitener @ residual[..., None])
+        theta = theta + (np.swapaxes(vt, -1, -2) @ (pull / s[..., None]))[..., 0]
+        residual, slope = at(theta)
+    u, _, _ = _directions(whitener @ slope, count)
+    left = whitener @ residual[..., None]
+    left = left - u @ (np.swapaxes(u, -1, -2) @ left)
+    return theta, u, left[..., 0]
+
+
+def _directions(slope: Array, count: int) -> tuple[Array, Array, Array]:
+    """Return the largest singular values and their vectors."""
+    u, s, vt = np.linalg.svd(slope, full_matrices=False)
+    return (
+        np.asarray(u[..., :count], dtype=float),
+        np.asarray(s[..., :count], dtype=float),
+        np.asarray(vt[..., :count, :], dtype=float),
+    )
+
+
+def _compared(model: Affine, a: Array, level: Sequence[int], groups: Sequence[int]) -> Array:
+    """Return the map from M a + p of all rows, axes within, to the rows as compared."""
+    size = 3 * len(level)
+    columns = (3 * np.asarray(level, dtype=np.intp)[:, None] + np.arange(3)).ravel()
+    made = np.zeros((*a.shape[:-2], size + len(groups), 3 * a.shape[-2]))
+    made[..., np.arange(size), columns] = 1.0
+    v = model.correct(a)
+    along = v / np.linalg.norm(v, axis=-1, keepdims=True)
+    for k, group in enumerate(groups):
+        made[..., size + k, 3 * group : 3 * group + 3] = along[..., group, :]
+    return made
+
+
+def _whitener(spread: Array) -> Array:
+    """Return the symmetric W with W S W = I, (..., m, m): each row stays nearly itself."""
+    variance, directions = np.linalg.eigh(spread)
+    variance = np.maximum(variance, _FLOOR * variance[..., -1:])
+    return (directions / np.sqrt(variance)[..., None, :]) @ np.swapaxes(directions, -1, -2)
+
+
+def _turned(model: Affine, a: Array, f: Array) -> Affine:
+    """Return the model of the same norms whose vectors lie nearest to f."""
+    u, _, vt = np.linalg.svd(f.T @ model.correct(a))
+    turn = np.asarray(u @ vt)
+    return Affine(turn @ model.matrix, (turn @ model.offset[..., None])[..., 0])
+
+
+def _rows(observations: Observations, rows: Sequence[int]) -> Observations:
+    """Return some rows of observations."""
+    at = list(rows)
+    drift = observations.drift
+    return replace(
+        observations,
+        labels=tuple(observations.labels[k] for k in at),
+        mean=observations.mean[..., at, :],
+        covariance=observations.covariance[..., at, :, :],
+        duration=observations.duration[at],
+        samples=observations.samples[at],
+        time=observations.time[at],
+        drift=None if drift is None else drift[np.ix_(at, at)],
+        passages=None,
+        track=None,
+    )
