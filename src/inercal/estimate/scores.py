@@ -35,6 +35,7 @@ Kind = Literal["coefficient", "bench", "row", "time"]
 
 LEVEL = 0.01  # of all tests of one estimate together
 ALIKE = np.cos(np.pi / 6)  # 30°: closer candidates cannot be told apart
+_ROUNDING = 1e-12  # of a product of columns of length 1, over a hundred thousand rows
 _SEEN = 1e-6  # least share of a candidate's column that the fit leaves to the residuals
 
 
@@ -69,6 +70,9 @@ class Candidate:
         SI.
     rows : (m, k) array
         ∂(observations)/∂(component).
+    moved : (q, k) array, optional
+        By how much one unit of each component that is left out moves the estimate of each
+        parameter, where no Jacobian says so: a filter's.
     """
 
     name: str
@@ -76,6 +80,7 @@ class Candidate:
     components: tuple[str, ...]
     units: tuple[str, ...]
     rows: Array
+    moved: Array | None = None
 
     def of_nonzero(self) -> "Candidate":
         """Return the candidate without the components that act on no observation."""
@@ -180,7 +185,8 @@ def scored(
     jacobian : (m, p) array
         ∂h/∂x of the same rows, whitened.
     candidates : sequence of Candidate
-        With whitened rows, (m, k); zero in the rows of priors.
+        With whitened rows, (m, k); zero in the rows of priors. Their `moved`, where it is given,
+        is of the parameters whose shift is wanted.
     to : (q, p) array, optional
         From the p coordinates of `jacobian` to the parameters whose shift is wanted.
     """
@@ -203,7 +209,11 @@ def scored(
         u, s, v = u[:, :k], s[:k], v[:k]
         t = u.T @ residual
         size, sd = v.T @ (t / s), np.sqrt(np.sum((v.T / s) ** 2, axis=1))
-        shift = back @ (taken @ size)
+        if one.moved is not None:
+            shift = one.moved @ (size / whole)
+        else:
+            shift = back @ (taken @ size)
+            shift = shift if to is None else to @ shift
         open_ = np.linalg.norm(v, axis=0) < 1 - 1e-6 if k else np.ones(len(whole), dtype=bool)
         spanned.append(u)
         made.append(
@@ -216,12 +226,33 @@ def scored(
                 np.where(open_, np.nan, sd / whole),
                 float(t @ t),
                 k,
-                shift if to is None else to @ shift,
+                shift,
                 u @ t,
             )
         )
     dof = len(residual) - jacobian.shape[1]
     return Scored(tuple(made), _rank(spanned), float(residual @ residual), dof)
+
+
+def compressed(gram: Array, product: Array) -> tuple[Array, Array]:
+    """Return a residual (d,) and c columns (d, c) whose products are as given.
+
+    They are the coordinates of m whitened rows in an orthonormal basis of the d directions that
+    the columns span: no score needs more of the rows.
+
+    Parameters
+    ----------
+    gram : (c, c) array
+        Products of the columns with each other.
+    product : (c,) array
+        Of the columns with the residual.
+    """
+    length = np.sqrt(np.diagonal(gram))
+    length = np.where(length > 0, length, 1.0)
+    values, vectors = np.linalg.eigh(gram / np.outer(length, length))
+    kept = values > _ROUNDING * len(values)
+    root, basis = np.sqrt(values[kept]), vectors[:, kept]
+    return (basis.T @ (product / length)) / root, (root[:, None] * basis.T) * length
 
 
 def _rank(spaces: Sequence[Array]) -> int:
