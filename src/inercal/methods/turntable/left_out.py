@@ -5,7 +5,8 @@ of accelerometers at rest (d), or how it shifts φ as the readback shows it (c),
 and with the signs of `strapdown`::
 
     coefficient    d = −∫ C M e_a φ_q(f, ω) dt    (gyros; accelerometers with +)
-    drift          d = −∫ C M e_a (t − t_mid)/T dt: its size is the change over the run
+    drift          d = −∫ C M e_a (t − t_mid)/T dt: its size is the change over the run; and
+                   cosines of 1/2, 1, … MODES/2 periods over it, which stand for slow changes
     latitude       d = −∂Ω/∂λ Δt                  azimuth  d = Ω_north Δt about east
     table          c = −B_q                       latency, clock  c = −ω, −ω (t − t₀)
 
@@ -115,7 +116,10 @@ def of_sensor(part: Triad, motion: Motion, time: Array) -> tuple[tuple[Column, .
         for a, axis in enumerate(part.sensor.axes):
             drift[:, a, 3 * k + a] = shape
             name = f"drift of {axis.name}"
-            families = (f"drift of {_WORDS[kind]}", name) if k == 0 else ()
+            if k > 0:
+                name, families = f"mode {k} of {axis.name}", (f"slow changes of {_WORDS[kind]}",)
+            else:
+                families = f"drift of {_WORDS[kind]}", name
             columns.append(Column(name, "time", _UNITS[kind], np.inf, families))
     return tuple(columns), np.concatenate([design, drift], axis=-1)
 
@@ -223,7 +227,7 @@ def candidates(columns: Sequence[Column], rows: Array, moved: Array | None) -> l
     made: list[Candidate] = []
     for name, at in families.items():
         if len(at) == 1 and columns[at[0]].families[-1] != name:
-            continue  # of a triad one alone is its own candidate
+            continue  # what is alone in its family is a candidate by itself
         chosen = [columns[k] for k in at]
         made.append(
             Candidate(
@@ -239,9 +243,14 @@ def candidates(columns: Sequence[Column], rows: Array, moved: Array | None) -> l
 
 
 def _bench(name: str, unit: str) -> Column:
+    """Return a parameter of the bench, with others of its key in a run file and by itself."""
     harmonic, bracket, axis = name.partition("[")
-    family = f"harmonics[{axis}" if bracket and harmonic[:3] in ("sin", "cos") else name
-    return Column(name, "bench", unit, 1.0, (family,))
+    if bracket and harmonic[:3] in ("sin", "cos"):
+        families = ("harmonics", f"harmonics[{axis}")
+    else:
+        key = name.partition("_")[0]
+        families = (key, name) if key in ("lean", "square") else (name,)
+    return Column(name, "bench", unit, 1.0, families)
 
 
 def _inverse(part: Triad, theta: Array) -> Array:
@@ -250,4 +259,4 @@ def _inverse(part: Triad, theta: Array) -> Array:
     made = terms.nominal.copy()
     for axis, weights, c in zip(terms.axis, terms.weights, theta, strict=True):
         made[axis] += c * weights[terms.first : terms.first + 3]
-    return np.linalg.inv(made)
+    return np.asarray(np.linalg.inv(made), dtype=float)

@@ -17,9 +17,12 @@ from inercal.methods.turntable_kalman import ways
 from inercal.methods.turntable_kalman.accelerometers import Accelerometers
 from inercal.methods.turntable_kalman.common import TILT
 from inercal.methods.turntable_kalman.gyros import Gyros
+from inercal.methods.turntable_kalman.ways import Found
 from inercal.recording import Observations, Track
 
 Array = NDArray[np.float64]
+_TIMES = ("latency", "clock")
+_FAR = 3.0  # standard deviations of the latency as stated
 
 
 class Checked(NamedTuple):
@@ -33,14 +36,14 @@ class Checked(NamedTuple):
     sums: LeftOut | None  # of the columns
 
 
-def of_gyros(made: Gyros, theta: Array, track: Track, time: Array, steps: Steps) -> Checked:
+def of_gyros(made: Gyros, found: Found, track: Track, time: Array, steps: Steps) -> Checked:
     """Return what tests of the gyros' filter need.
 
     Parameters
     ----------
     made : Gyros
-    theta : (p,) array
-        The coefficients that it has found.
+    found : Found
+        At the end of the run.
     track : Track
     time : (e,) array
         s, of its epochs.
@@ -48,19 +51,53 @@ def of_gyros(made: Gyros, theta: Array, track: Track, time: Array, steps: Steps)
         Of them all.
     """
     whole = np.concatenate([track.time[:1], time])
-    found, _ = columns.of_gyros(made.part, made.bench, theta, whole, _angles(track, whole))
-    sums = left_out(steps, found.driven, made.states.index(TILT[0]), found.seen, 0)
-    return _checked("gyros", made, time, steps, found.all, sums)
+    theta = found.value[: len(made.first)]
+    some, _ = columns.of_gyros(made.part, made.bench, theta, whole, _angles(track, whole))
+    sums = left_out(steps, some.driven, made.states.index(TILT[0]), some.seen, 0)
+    return _checked("gyros", made, time, steps, some.all, _timed(made, found, some.all, sums))
 
 
 def of_accelerometers(
-    made: Accelerometers, theta: Array, track: Track, time: Array, steps: Steps
+    made: Accelerometers, found: Found, track: Track, time: Array, steps: Steps
 ) -> Checked:
     """Return what tests of the accelerometers' filter need; arguments as of `of_gyros`."""
-    found = columns.of_accelerometers(made.part, made.bench, theta, time, _angles(track, time))
-    seen = found.seen[:, : steps.s.shape[1] - 3]
-    sums = left_out(steps, found.driven, 0, seen, 3, ways.observed(made))
-    return _checked("accelerometers", made, time, steps, found.all, sums)
+    theta = found.value[: len(made.first)]
+    some = columns.of_accelerometers(made.part, made.bench, theta, time, _angles(track, time))
+    seen = some.seen[:, : steps.s.shape[1] - 3]
+    sums = left_out(steps, some.driven, 0, seen, 3, ways.observed(made))
+    return _checked("accelerometers", made, time, steps, some.all, sums)
+
+
+def _timed(made: Gyros, found: Found, some: tuple[Column, ...], sums: LeftOut) -> LeftOut:
+    """Return the sums with latency and clock, where they are states, scored by what they came to.
+
+    A delay that is hardly known does not act in first order before it is found, as the recursion
+    would have it. Of a constant with the prior N(μ, P₀) that comes to x̂ and P the sums are known::
+
+        G = (P₀ − P)/P₀²        b = (x̂ − μ)/P₀        −U = −P e/P₀
+
+    Nothing else is alike: they hold the one combination of innovations that finds the delay.
+    """
+    gram, product, moved = (one.copy() for one in sums)
+    names = [one.name for one in some]
+    first = len(made.states) - len(found.value)
+    for one in made.table:
+        if one.name not in _TIMES:
+            continue
+        k, at = names.index(one.name), made.states.index(one.name)
+        before, after = one.sd**2, found.covariance[:, at - first]
+        gram[k], gram[:, k] = 0.0, 0.0
+        gram[k, k] = max(before - after[at - first], 0.0) / before**2
+        product[k] = (found.value[at - first] - one.value) / before
+        moved[:, k] = 0.0
+        moved[first:, k] = -after / before
+    known = [one.name for one in made.table]
+    if "latency" in known and "clock" not in known:
+        k, late = names.index("clock"), names.index("latency")
+        if product[late] ** 2 > _FAR**2 * gram[late, late]:
+            # About a delay that was far off, nothing is told of how it grows.
+            gram[k], gram[:, k], product[k] = 0.0, 0.0, 0.0
+    return LeftOut(gram, product, moved)
 
 
 def _checked(
@@ -82,23 +119,17 @@ def _angles(track: Track, time: Array) -> Array:
 
 
 def tests(one: Checked, observations: Observations) -> tuple[Test, ...]:
-    """Return the tests of one filter's innovations: by step, and of slow changes of its biases."""
+    """Return the tests of one filter's innovations by step of the run."""
     group = np.full(one.time.size, -1)
     spans = zip(observations.time, observations.duration, strict=True)
     for number, (middle, seconds) in enumerate(spans):
         group[np.abs(one.time - middle) <= seconds / 2] = number
     z = grouped(one.standard[:, :3], group)
-    made = means_and_whiteness(
+    return means_and_whiteness(
         z,
         f"mean innovations of the {one.name} in each step",
         f"correlation of the {one.name}' innovations between steps",
     )
-    slow = [k for k, column in enumerate(one.columns) if not column.families]
-    if one.sums is None or not slow:
-        return made
-    residual, _ = compressed(one.sums.gram[np.ix_(slow, slow)], one.sums.product[slow])
-    name = f"slow changes of the {one.name}' biases"
-    return (*made, Test(name, float(residual @ residual), len(residual)))
 
 
 def scores(
@@ -116,20 +147,19 @@ def scores(
     """
     found: dict[str, Column] = {}
     for one in parts:
-        found |= {column.name + column.kind: column for column in one.columns if column.families}
+        found |= {column.name: column for column in one.columns}
     at = {key: k for k, key in enumerate(found)}
     gram, product = np.zeros((len(at), len(at))), np.zeros(len(at))
     moved = np.zeros((len(names), len(at)))
     for one, own in zip(parts, owners, strict=True):
         if one.sums is None:
             return UNSCORED
-        kept = [k for k, column in enumerate(one.columns) if column.families]
-        to = [at[one.columns[k].name + one.columns[k].kind] for k in kept]
-        gram[np.ix_(to, to)] += one.sums.gram[np.ix_(kept, kept)]
-        product[to] += one.sums.product[kept]
+        to = [at[column.name] for column in one.columns]
+        gram[np.ix_(to, to)] += one.sums.gram
+        product[to] += one.sums.product
         rows = [names.index(name) for name in own]
         states = [one.states.index(name) for name in own]
-        moved[np.ix_(rows, to)] = one.sums.moved[np.ix_(states, kept)]
+        moved[np.ix_(rows, to)] = one.sums.moved[states]
     residual, rows = compressed(gram, product)
     made = columns.candidates(tuple(found.values()), rows, moved)
     return scored(residual, np.zeros((len(residual), 0)), made)

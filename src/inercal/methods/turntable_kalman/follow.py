@@ -45,8 +45,7 @@ def gyros(
     found = of_gyros(made, state)
     checked = None
     if len(steps.s) == len(course.time):
-        theta = found.value[: len(made.first)]
-        checked = checks.of_gyros(made, theta, track, course.time, steps)
+        checked = checks.of_gyros(made, found, track, course.time, steps)
     return Filtered(
         made.part, course.names, found.value, found.covariance, course,
         state.nis, observed(made) * state.epochs, least(track), "rad",
@@ -70,8 +69,7 @@ def accelerometers(
     found = of_accelerometers(made, state)
     checked = None
     if len(steps.s) == len(course.time):
-        theta = found.value[: len(made.first)]
-        checked = checks.of_accelerometers(made, theta, track, course.time, steps)
+        checked = checks.of_accelerometers(made, found, track, course.time, steps)
     return Filtered(
         made.part, course.names, found.value, found.covariance, course,
         state.nis, observed(made) * state.epochs, least(track), "m/s", _blind(made.readback),
