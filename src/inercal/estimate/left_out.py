@@ -6,9 +6,10 @@ filter then errs by U q on average, and its innovations by S q (Friedland's sepa
     predict   U ← Φ U + d
     update    S = h·U + c        U ← U − k S
 
-with Φ, h and k as the filter had them (`kalman.Steps`). All of its states are in that, with what
-was known of them beforehand: S is what they cannot take up. So the innovations ν of variance s are
-regressed on S with no Jacobian beside: for columns S of many constants
+with Φ, h and k as the filter had them (`kalman.Steps`). U begins at zero; a state that is q beyond
+what is known of it beforehand begins with U = 1 there. All of the filter's states are in that, with
+what was known of them beforehand: S is what they cannot take up. So the innovations ν of variance s
+are regressed on S with no Jacobian beside: for columns S of many constants
 
     G = Σ Sᵀ S / s        b = Σ Sᵀ ν / s
 
@@ -42,7 +43,13 @@ class LeftOut(NamedTuple):
 
 
 def left_out(
-    steps: Steps, driven: Array, at: int, seen: Array, row: int, tested: int | None = None
+    steps: Steps,
+    start: Array,
+    driven: Array,
+    at: int,
+    seen: Array,
+    row: int,
+    tested: int | None = None,
 ) -> LeftOut:
     """Return what D constants that drive states and B that are observed make of the innovations.
 
@@ -50,6 +57,8 @@ def left_out(
     ----------
     steps : Steps
         Of e epochs, all kept; m observations each.
+    start : (n, D + B) array
+        U before the first epoch.
     driven : (e, r, D) array
         d of the states from `at` on; not taken where nothing was observed.
     at : int
@@ -62,7 +71,8 @@ def left_out(
     m = steps.s.shape[1]
     gram, product, x = _summed(
         steps.a, steps.keep, steps.h, steps.gain, steps.off, steps.s,
-        np.ascontiguousarray(driven), at, np.ascontiguousarray(seen), row,
+        np.array(start, dtype=float, order="C"), np.ascontiguousarray(driven), at,
+        np.ascontiguousarray(seen), row,
         m if tested is None else tested,
     )  # fmt: skip
     return LeftOut(gram, product, -x)
@@ -76,17 +86,18 @@ def _summed(
     gain: Array,
     off: Array,
     s: Array,
+    x: Array,
     driven: Array,
     at: int,
     seen: Array,
     row: int,
     tested: int,
 ) -> tuple[Array, Array, Array]:
-    """Return G, b and U at the end."""
+    """Return G, b and U at the end, in place of x, U at the start."""
     count, k, n = a.shape
     r, d, o, width = driven.shape[1], driven.shape[2], seen.shape[1], seen.shape[2]
     c = d + width
-    x, moved = np.zeros((n, c)), np.zeros((k, c))
+    moved = np.zeros((k, c))
     # The innovations are one more column: they go into the products as the others do.
     rows, square = np.zeros((_ROWS, c + 1)), np.zeros((c + 1, c + 1))
     filled = 0

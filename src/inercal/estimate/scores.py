@@ -36,6 +36,7 @@ Kind = Literal["coefficient", "bench", "row", "time"]
 LEVEL = 0.01  # of all tests of one estimate together
 ALIKE = np.cos(np.pi / 6)  # 30°: closer candidates cannot be told apart
 _ROUNDING = 1e-12  # of a product of columns of length 1, over a hundred thousand rows
+_MANY = 5000  # rows, beyond which fewer dimensions stand for them
 _SEEN = 1e-6  # least share of a candidate's column that the fit leaves to the residuals
 
 
@@ -65,7 +66,7 @@ class Candidate:
     kind : "coefficient", "bench", "row" or "time"
         Of the sensor, of the bench, one row of the data, or a change over the run.
     components : tuple of k str
-        Full names of the parameters.
+        Full names of the parameters; one name is one column in all candidates.
     units : tuple of k str
         SI.
     rows : (m, k) array
@@ -111,7 +112,8 @@ class Score:
     shift : (p,) array
         By how much `size` moved the estimate of each parameter, SI.
     explained : (m,) array
-        The part of the whitened residual that the candidate explains.
+        The part of the whitened residual that the candidate explains; of very many rows in
+        coordinates of fewer dimensions, with the same lengths and angles.
     """
 
     name: str
@@ -190,6 +192,8 @@ def scored(
     to : (q, p) array, optional
         From the p coordinates of `jacobian` to the parameters whose shift is wanted.
     """
+    if len(residual) > _MANY:
+        residual, jacobian, candidates = _rotated(residual, jacobian, candidates)
     length = np.linalg.norm(jacobian, axis=0)
     length = np.where(length > 0, length, 1.0)
     q, triangle = np.linalg.qr(jacobian / length)
@@ -232,6 +236,23 @@ def scored(
         )
     dof = len(residual) - jacobian.shape[1]
     return Scored(tuple(made), _rank(spanned), float(residual @ residual), dof)
+
+
+def _rotated(
+    residual: Array, jacobian: Array, candidates: Sequence[Candidate]
+) -> tuple[Array, Array, list[Candidate]]:
+    """Return the same in as many dimensions as there are columns, all products being kept."""
+    column: dict[str, Array] = {}
+    for one in candidates:
+        column |= dict(zip(one.components, one.rows.T, strict=True))
+    at = {name: 1 + jacobian.shape[1] + k for k, name in enumerate(column)}
+    whole = np.concatenate([residual[:, None], jacobian, np.array(list(column.values())).T], axis=1)
+    r = np.asarray(np.linalg.qr(whole, mode="r"))
+    return (
+        r[:, 0],
+        r[:, 1 : 1 + jacobian.shape[1]],
+        [replace(one, rows=r[:, [at[name] for name in one.components]]) for one in candidates],
+    )
 
 
 def compressed(gram: Array, product: Array) -> tuple[Array, Array]:

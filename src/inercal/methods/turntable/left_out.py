@@ -190,6 +190,23 @@ def of_accelerometers(
     return Columns(columns, driven, observed, by)
 
 
+def of_means(
+    part: Triad, bench: Turntable, theta: Array, time: Array, angles: Array
+) -> tuple[tuple[Column, ...], Array]:
+    """Return the columns of means of accelerometers at rest, on readings, (n, 3, c).
+
+    Arguments as of `of_gyros`, of n means.
+    """
+    mat = reference(bench, angles)
+    columns, readings = of_sensor(part, at_rest(bench, mat), time)
+    observed, by = of_table(bench, angles, ("azimuth",))
+    force = np.array([0.0, 0.0, bench.gravity.value])
+    # The true attitude is ahead of the readback's by −c.
+    turned = np.swapaxes(mat, -1, -2) @ np.cross(force[:, None], -by, axis=-2)
+    made = [readings, np.linalg.inv(_inverse(part, theta)) @ turned]
+    return (*columns, *observed), np.concatenate(made, axis=-1)
+
+
 def at_rest(bench: Turntable, mat: Array) -> Motion:
     """Return what a table at rest in attitudes (n, 3, 3) has felt."""
     back = np.swapaxes(mat, -1, -2)
@@ -206,6 +223,24 @@ def of_table(
     kept = [k for k, one in enumerate(seen.parameters) if one.name not in but]
     columns = tuple(_bench(seen.parameters[k].name, "rad") for k in kept)
     return columns, -seen.by[..., kept]
+
+
+def together(parts: Sequence[tuple[Sequence[Column], Array]]) -> tuple[tuple[Column, ...], Array]:
+    """Return the columns of all parts, and their rows (m, c), those of the parts one by one.
+
+    Parameters
+    ----------
+    parts : sequence of (columns, rows)
+        Rows (m, c) each; a column that two have is one.
+    """
+    found = {column.name: column for columns, _ in parts for column in columns}
+    at = {name: k for k, name in enumerate(found)}
+    made = np.zeros((sum(len(rows) for _, rows in parts), len(at)))
+    first = 0
+    for columns, rows in parts:
+        made[first : first + len(rows), [at[one.name] for one in columns]] = rows
+        first += len(rows)
+    return tuple(found.values()), made
 
 
 def candidates(columns: Sequence[Column], rows: Array, moved: Array | None) -> list[Candidate]:

@@ -12,7 +12,7 @@ from inercal.estimate.kalman import Steps
 from inercal.estimate.left_out import LeftOut, left_out
 from inercal.estimate.scores import UNSCORED, compressed
 from inercal.methods.turntable import left_out as columns
-from inercal.methods.turntable.left_out import Column
+from inercal.methods.turntable.left_out import Column, Columns
 from inercal.methods.turntable_kalman import ways
 from inercal.methods.turntable_kalman.accelerometers import Accelerometers
 from inercal.methods.turntable_kalman.common import TILT
@@ -53,7 +53,8 @@ def of_gyros(made: Gyros, found: Found, track: Track, time: Array, steps: Steps)
     whole = np.concatenate([track.time[:1], time])
     theta = found.value[: len(made.first)]
     some, _ = columns.of_gyros(made.part, made.bench, theta, whole, _angles(track, whole))
-    sums = left_out(steps, some.driven, made.states.index(TILT[0]), some.seen, 0)
+    phi = made.states.index(TILT[0])
+    sums = left_out(steps, _start(made, some), some.driven, phi, some.seen, 0)
     return _checked("gyros", made, time, steps, some.all, _timed(made, found, some.all, sums))
 
 
@@ -63,9 +64,21 @@ def of_accelerometers(
     """Return what tests of the accelerometers' filter need; arguments as of `of_gyros`."""
     theta = found.value[: len(made.first)]
     some = columns.of_accelerometers(made.part, made.bench, theta, time, _angles(track, time))
-    seen = some.seen[:, : steps.s.shape[1] - 3]
-    sums = left_out(steps, some.driven, 0, seen, 3, ways.observed(made))
+    start, seen = _start(made, some), some.seen[:, : steps.s.shape[1] - 3]
+    sums = left_out(steps, start, some.driven, 0, seen, 3, ways.observed(made))
     return _checked("accelerometers", made, time, steps, some.all, sums)
+
+
+def _start(made: Gyros | Accelerometers, some: Columns) -> Array:
+    """Return U of the columns at the start, (n, c): those that are states act as these do."""
+    known, c = [one.name for one in made.table], len(some.driving)
+    start = np.zeros((len(made.states), len(some.all)))
+    for k, one in enumerate(some.all):
+        if one.name in known:
+            start[made.states.index(one.name), k] = 1.0
+            acting, at = (some.driven, k) if k < c else (some.seen, k - c)
+            acting[..., at] = 0.0
+    return start
 
 
 def _timed(made: Gyros, found: Found, some: tuple[Column, ...], sums: LeftOut) -> LeftOut:
