@@ -243,6 +243,26 @@ def together(parts: Sequence[tuple[Sequence[Column], Array]]) -> tuple[tuple[Col
     return tuple(found.values()), made
 
 
+def by_key(found: Sequence[Candidate]) -> list[Candidate]:
+    """Return candidates of means with the bench's parameters by their families, as in `candidates`.
+
+    Coefficients of accelerometers that turn are left out: means at rest say nothing of them.
+    """
+    turning = {one.name for one in TABLES["f"] if one.group in _NOT_FELT}
+    made: list[Candidate] = []
+    bench: list[Candidate] = []
+    for one in found:
+        if one.kind == "bench":
+            bench.append(one)
+        elif one.kind != "coefficient" or one.name.rpartition(".")[2] not in turning:
+            made.append(one)
+    if not bench:
+        return made
+    columns = tuple(_bench(one.name, one.units[0]) for one in bench)
+    rows = np.concatenate([one.rows for one in bench], axis=1)
+    return made + candidates(columns, rows, None)
+
+
 def candidates(columns: Sequence[Column], rows: Array, moved: Array | None) -> list[Candidate]:
     """Return the candidates that columns make: each family, of those that the data show.
 
