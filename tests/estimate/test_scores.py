@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from scipy.stats import kstest, norm
 
 from inercal.estimate import Candidate, Gaussian, Problem, least_squares, scored
+from inercal.estimate.scores import compressed
 
 Array = NDArray[np.float64]
 
@@ -99,3 +100,36 @@ def test_parallel_candidates_have_a_cosine_of_one(rng: np.random.Generator) -> N
     both = scored(rng.standard_normal(20), design, [candidate("a", one), candidate("b", alike)])
     assert both.scores[0].cosine(both.scores[1]) == pytest.approx(1.0, abs=1e-12)
     assert both.span == 1
+
+
+def test_very_many_rows_are_scored_as_few_are(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    design, noise = rng.standard_normal((300, 6)), rng.standard_normal(300)
+    noise -= design @ np.linalg.lstsq(design, noise)[0]
+    three = rng.standard_normal((300, 3))
+    some = [candidate("c", three), candidate("d", rng.standard_normal((300, 1)))]
+    # One that is in a family is the same column alone.
+    alone = Candidate("c1", "coefficient", ("c1",), ("1",), three[:, 1:2])
+    few = scored(noise, design, [*some, alone])
+    monkeypatch.setattr("inercal.estimate.scores._MANY", 100)
+    many = scored(noise, design, [*some, alone])
+    assert many.span == few.span
+    for one, other in zip(few.scores, many.scores, strict=True):
+        assert other.chi2 == pytest.approx(one.chi2, rel=1e-9)
+        np.testing.assert_allclose(other.size, one.size, rtol=1e-9)
+        np.testing.assert_allclose(other.shift, one.shift, rtol=1e-9)
+        assert other.cosine(many.scores[2]) == pytest.approx(one.cosine(few.scores[2]), rel=1e-9)
+        assert other.explained.size < one.explained.size
+
+
+def test_products_alone_give_the_same_scores(rng: np.random.Generator) -> None:
+    columns, residual = rng.standard_normal((400, 4)), rng.standard_normal(400)
+    columns *= [1.0, 1e-6, 1e4, 1.0]  # units differ
+    columns[:, 3] = columns[:, 0] + 1e-3 * columns[:, 3]
+    less, rows = compressed(columns.T @ columns, columns.T @ residual)
+    for k in range(4):
+        one = scored(residual, np.zeros((400, 0)), [candidate("c", columns[:, k : k + 1])])
+        other = scored(less, np.zeros((len(less), 0)), [candidate("c", rows[:, k : k + 1])])
+        assert other.scores[0].chi2 == pytest.approx(one.scores[0].chi2, rel=1e-6)
+        np.testing.assert_allclose(other.scores[0].size, one.scores[0].size, rtol=1e-6)

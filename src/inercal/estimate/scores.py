@@ -35,6 +35,8 @@ Kind = Literal["coefficient", "bench", "row", "time"]
 
 LEVEL = 0.01  # of all tests of one estimate together
 ALIKE = np.cos(np.pi / 6)  # 30°: closer candidates cannot be told apart
+_ROUNDING = 1e-12  # of a product of columns of length 1, over a hundred thousand rows
+_MANY = 5000  # rows, beyond which fewer dimensions stand for them
 _SEEN = 1e-6  # least share of a candidate's column that the fit leaves to the residuals
 
 
@@ -64,11 +66,14 @@ class Candidate:
     kind : "coefficient", "bench", "row" or "time"
         Of the sensor, of the bench, one row of the data, or a change over the run.
     components : tuple of k str
-        Full names of the parameters.
+        Full names of the parameters; one name is one column in all candidates.
     units : tuple of k str
         SI.
     rows : (m, k) array
         ∂(observations)/∂(component).
+    moved : (q, k) array, optional
+        By how much one unit of each component that is left out moves the estimate of each
+        parameter, where no Jacobian says so: a filter's.
     """
 
     name: str
@@ -76,6 +81,7 @@ class Candidate:
     components: tuple[str, ...]
     units: tuple[str, ...]
     rows: Array
+    moved: Array | None = None
 
     def of_nonzero(self) -> "Candidate":
         """Return the candidate without the components that act on no observation."""
@@ -106,7 +112,8 @@ class Score:
     shift : (p,) array
         By how much `size` moved the estimate of each parameter, SI.
     explained : (m,) array
-        The part of the whitened residual that the candidate explains.
+        The part of the whitened residual that the candidate explains; of very many rows in
+        coordinates of fewer dimensions, with the same lengths and angles.
     """
 
     name: str
@@ -180,10 +187,13 @@ def scored(
     jacobian : (m, p) array
         ∂h/∂x of the same rows, whitened.
     candidates : sequence of Candidate
-        With whitened rows, (m, k); zero in the rows of priors.
+        With whitened rows, (m, k); zero in the rows of priors. Their `moved`, where it is given,
+        is of the parameters whose shift is wanted.
     to : (q, p) array, optional
         From the p coordinates of `jacobian` to the parameters whose shift is wanted.
     """
+    if len(residual) > _MANY:
+        residual, jacobian, candidates = _rotated(residual, jacobian, candidates)
     length = np.linalg.norm(jacobian, axis=0)
     length = np.where(length > 0, length, 1.0)
     q, triangle = np.linalg.qr(jacobian / length)
@@ -203,7 +213,11 @@ def scored(
         u, s, v = u[:, :k], s[:k], v[:k]
         t = u.T @ residual
         size, sd = v.T @ (t / s), np.sqrt(np.sum((v.T / s) ** 2, axis=1))
-        shift = back @ (taken @ size)
+        if one.moved is not None:
+            shift = one.moved @ (size / whole)
+        else:
+            shift = back @ (taken @ size)
+            shift = shift if to is None else to @ shift
         open_ = np.linalg.norm(v, axis=0) < 1 - 1e-6 if k else np.ones(len(whole), dtype=bool)
         spanned.append(u)
         made.append(
@@ -216,12 +230,50 @@ def scored(
                 np.where(open_, np.nan, sd / whole),
                 float(t @ t),
                 k,
-                shift if to is None else to @ shift,
+                shift,
                 u @ t,
             )
         )
     dof = len(residual) - jacobian.shape[1]
     return Scored(tuple(made), _rank(spanned), float(residual @ residual), dof)
+
+
+def _rotated(
+    residual: Array, jacobian: Array, candidates: Sequence[Candidate]
+) -> tuple[Array, Array, list[Candidate]]:
+    """Return the same in as many dimensions as there are columns, all products being kept."""
+    column: dict[str, Array] = {}
+    for one in candidates:
+        column |= dict(zip(one.components, one.rows.T, strict=True))
+    at = {name: 1 + jacobian.shape[1] + k for k, name in enumerate(column)}
+    whole = np.concatenate([residual[:, None], jacobian, np.array(list(column.values())).T], axis=1)
+    r = np.asarray(np.linalg.qr(whole, mode="r"))
+    return (
+        r[:, 0],
+        r[:, 1 : 1 + jacobian.shape[1]],
+        [replace(one, rows=r[:, [at[name] for name in one.components]]) for one in candidates],
+    )
+
+
+def compressed(gram: Array, product: Array) -> tuple[Array, Array]:
+    """Return a residual (d,) and c columns (d, c) whose products are as given.
+
+    They are the coordinates of m whitened rows in an orthonormal basis of the d directions that
+    the columns span: no score needs more of the rows.
+
+    Parameters
+    ----------
+    gram : (c, c) array
+        Products of the columns with each other.
+    product : (c,) array
+        Of the columns with the residual.
+    """
+    length = np.sqrt(np.diagonal(gram))
+    length = np.where(length > 0, length, 1.0)
+    values, vectors = np.linalg.eigh(gram / np.outer(length, length))
+    kept = values > _ROUNDING * len(values)
+    root, basis = np.sqrt(values[kept]), vectors[:, kept]
+    return (basis.T @ (product / length)) / root, (root[:, None] * basis.T) * length
 
 
 def _rank(spaces: Sequence[Array]) -> int:

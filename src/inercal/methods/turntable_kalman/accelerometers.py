@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from inercal.benches.turntable import Turntable
 from inercal.benches.turntable_attitude import Misalignment, misalignment, reference
 from inercal.estimate import Course, Gaussian
+from inercal.estimate.kalman import Steps
 from inercal.methods.turntable import model, strapdown
 from inercal.methods.turntable.model import Triad, beside
 from inercal.methods.turntable.terms import BASIS
@@ -164,6 +165,12 @@ class Accelerometers:
         smooth : sequence of str
             States whose course is smoothed by all of the track, as `varying`.
         """
+        return self.with_steps(state, track, smooth)[:2]
+
+    def with_steps(
+        self, state: State, track: Track, smooth: Sequence[str] = ()
+    ) -> tuple[State, Course, Steps]:
+        """Return the same, and what the filter did at each epoch where a state is smoothed."""
         after = copied(state)
         epochs = strapdown.due_in_holds(
             track.time, track.hold, model.PERIOD * (1 - 1e-6), after.time[1], after.hold[0]
@@ -185,9 +192,8 @@ class Accelerometers:
         )
         taken = int((history[:, 5] > 0).sum())
         after = after._replace(nis=state.nis + nis, epochs=state.epochs + taken)
-        return after, course(
-            "accelerometers", self.states, smooth, track.time[epochs], history, steps
-        )
+        made = course("accelerometers", self.states, smooth, track.time[epochs], history, steps)
+        return after, made, steps
 
     def _readback(self, epochs: NDArray[np.int64], angles: Array) -> Readback:
         """Return what the kernel is told of the readback (e, k) at epochs."""

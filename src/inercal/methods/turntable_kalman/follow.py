@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 from inercal.benches.turntable import Turntable
 from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian
+from inercal.estimate.scores import UNSCORED
 from inercal.methods.turntable import model
 from inercal.methods.turntable.model import ARCSEC
+from inercal.methods.turntable_kalman import checks
 from inercal.methods.turntable_kalman.innovations import Filtered, excess, group, least, told
 from inercal.methods.turntable_kalman.ways import (
     WAYS,
@@ -38,12 +40,16 @@ def gyros(
 ) -> Filtered:
     """Run the gyros' filter over one trial's track, and back where that is wanted."""
     made = gyros_filter(sensor, bench, track, way, priors)
-    state, course = made.step(made.start(track), track, made.varying if smooth else ())
+    smoothed = made.varying if smooth else ()
+    state, course, steps = made.with_steps(made.start(track), track, smoothed)
     found = of_gyros(made, state)
+    checked = None
+    if len(steps.s) == len(course.time):
+        checked = checks.of_gyros(made, found, track, course.time, steps)
     return Filtered(
         made.part, course.names, found.value, found.covariance, course,
         state.nis, observed(made) * state.epochs, least(track), "rad",
-        _blind(made.readback if way.source else None), found.shared,
+        _blind(made.readback if way.source else None), found.shared, checked,
     )  # fmt: skip
 
 
@@ -58,12 +64,16 @@ def accelerometers(
 ) -> Filtered:
     """Run the accelerometers' filter over one trial's track, and back where that is wanted."""
     made = accelerometers_filter(sensor, bench, track, way, priors)
-    state, course = made.step(made.start(track), track, made.varying if smooth else ())
+    smoothed = made.varying if smooth else ()
+    state, course, steps = made.with_steps(made.start(track), track, smoothed)
     found = of_accelerometers(made, state)
+    checked = None
+    if len(steps.s) == len(course.time):
+        checked = checks.of_accelerometers(made, found, track, course.time, steps)
     return Filtered(
         made.part, course.names, found.value, found.covariance, course,
         state.nis, observed(made) * state.epochs, least(track), "m/s", _blind(made.readback),
-        found.shared,
+        found.shared, checked,
     )  # fmt: skip
 
 
@@ -115,6 +125,8 @@ def followed(
         for one in trials[0]
     ]
     made = [_together(names, trial, own) for trial in trials]
+    # An R that is not the noise's makes innovations of another size.
+    checked = [one.checked for one in trials[0] if one.checked and not one.tests]
     q, p = len(names), len(sensor.coefficients)
     value = np.array([one[0] for one in made]).reshape(*lead, q)
     covariance = np.array([one[1] for one in made]).reshape(*lead, q, q)
@@ -140,6 +152,8 @@ def followed(
         groups=tuple(group(one, observations) for one in trials[0]),
         notes=_notes(trials[0], way, bench),
         courses=tuple(one.course for one in trials[0]),
+        tests=tuple(test for one in checked for test in checks.tests(one, observations)),
+        scored=checks.scores(checked, names, own) if checked and not lead else UNSCORED,
     )
 
 

@@ -20,6 +20,7 @@ from inercal.benches.turntable import Turntable
 from inercal.benches.turntable_attitude import misalignment, reference
 from inercal.errors import InputError
 from inercal.estimate import Course, Gaussian
+from inercal.estimate.kalman import Steps
 from inercal.methods.turntable import model, strapdown
 from inercal.methods.turntable.model import ARCSEC, Triad, beside
 from inercal.methods.turntable.terms import BASIS
@@ -188,6 +189,12 @@ class Gyros:
         smooth : sequence of str
             States whose course is smoothed by all of the track, as `varying`.
         """
+        return self.with_steps(state, track, smooth)[:2]
+
+    def with_steps(
+        self, state: State, track: Track, smooth: Sequence[str] = ()
+    ) -> tuple[State, Course, Steps]:
+        """Return the same, and what the filter did at each epoch where a state is smoothed."""
         after = copied(state)
         samples, stamps, angles, tail = self._paired(state.tail, track)
         # In one order of memory, or the kernel would be compiled for each.
@@ -222,7 +229,8 @@ class Gyros:
         )
         taken = int((history[:, 3] > 0).sum())
         after = after._replace(nis=state.nis + nis, epochs=state.epochs + taken)
-        return after, course("gyros", self.states, smooth, samples.time[epochs], history, steps)
+        made = course("gyros", self.states, smooth, samples.time[epochs], history, steps)
+        return after, made, steps
 
     def _paired(self, tail: Array, track: Track) -> tuple[Samples, Array, Array, Array]:
         """Return samples, of each the readback's stamp and angles, and what waits for later ones.

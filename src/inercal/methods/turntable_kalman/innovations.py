@@ -16,6 +16,7 @@ from scipy.special import chdtri
 from inercal.estimate import Course, Group
 from inercal.estimate.spread import Spread
 from inercal.methods.turntable.model import PERIOD, Triad
+from inercal.methods.turntable_kalman.checks import Checked
 from inercal.recording import Observations, Track
 
 Array = NDArray[np.float64]
@@ -37,6 +38,7 @@ class Filtered(NamedTuple):
     unit: str
     tests: str  # why NIS does not test what was stated; empty where it does
     shared: Array  # (p, p), part of the covariance that no innovation shows: gravity's
+    checked: Checked | None = None  # where its steps were kept
 
     @property
     def sd(self) -> float:

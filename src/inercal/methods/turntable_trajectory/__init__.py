@@ -20,11 +20,12 @@ from numpy.typing import NDArray
 from inercal.benches.turntable import Turntable
 from inercal.benches.turntable_paths import named
 from inercal.errors import InputError
-from inercal.estimate import Estimate, Gaussian, Problem
+from inercal.estimate import Candidate, Estimate, Gaussian, Problem
 from inercal.estimate import least_squares as solve
 from inercal.methods import vectors
 from inercal.methods._base import Method
-from inercal.methods.turntable import model
+from inercal.methods.turntable import left_out, model
+from inercal.methods.turntable.left_out import Column
 from inercal.methods.turntable_trajectory.rows import Resting, Turning, parameters
 from inercal.plan import TableStep
 from inercal.recording import Observations, Track
@@ -142,6 +143,21 @@ def problem(
             jacobians.append(jacobian)
         return np.concatenate(residuals), np.concatenate(jacobians)
 
+    def candidates(x: Array) -> list[Candidate]:
+        nuisances = dict(zip(loose, x[p:].tolist(), strict=True))
+        found: list[tuple[tuple[Column, ...], Array]] = []
+        for part, at in zip(parts, own, strict=True):
+            columns, beside = part.left_out(x[at])
+            _, slope = part.rows(x[at], nuisances, beside)
+            end = slope.shape[1] - len(columns)
+            rows = slope[:, end:]
+            for k, one in enumerate(columns):
+                if one.name in loose:  # as it was estimated, but for its prior
+                    rows[:, k] = slope[:, end - q + list(loose).index(one.name)]
+            found.append((columns, rows))
+        columns, rows = left_out.together(found)
+        return left_out.candidates(columns, rows, None)
+
     start = vectors.start(p, loose)
     return Problem(
         names=(*sensor.coefficients, *loose),
@@ -152,6 +168,7 @@ def problem(
         priors=(*expected, *vectors.with_bench(loose, priors)),
         wanted=sensor.coefficients,
         rounding=_ROUNDING,
+        candidates=candidates,
     )
 
 

@@ -21,7 +21,8 @@ from inercal.benches.turntable import Turntable
 from inercal.benches.turntable_attitude import misalignment, reference
 from inercal.errors import InputError
 from inercal.frames import log_so3, skew
-from inercal.methods.turntable import model, strapdown
+from inercal.methods.turntable import left_out, model, strapdown
+from inercal.methods.turntable.left_out import Column
 from inercal.methods.turntable_trajectory import _kernels
 from inercal.motion import Motion
 from inercal.observe import vector
@@ -88,8 +89,10 @@ class Turning:
         by = -model.beside(misalignment(bench, track.angles[epochs]), table)
         return cls(part, bench, table, track, epochs, by)
 
-    def rows(self, theta: Array, q: Mapping[str, float]) -> tuple[Array, Array]:
-        """Return the whitened residual, (3 e,), and Jacobian, (3 e, p + q).
+    def rows(
+        self, theta: Array, q: Mapping[str, float], beside: Array | None = None
+    ) -> tuple[Array, Array]:
+        """Return the whitened residual, (3 e,), and Jacobian, (3 e, p + q + c).
 
         Parameters
         ----------
@@ -97,13 +100,16 @@ class Turning:
             Coefficients of the gyros.
         q : mapping of str to float
             The bench's parameters by name, SI.
+        beside : (e, 3, c) array, optional
+            Further columns, not whitened; see `left_out`.
         """
         track, terms, n = self.track, self.part.terms, self.epochs.size - 1
         time = track.time[self.epochs]
         known = {one.name: one.value for one in self.bench.parameters} | dict(q)
         stamp = time + known["latency"] + known["clock"] * (time - track.time[0])
         earth, p = model.earth(self.bench), len(theta)
-        made = np.zeros((n, 3, 1 + p + len(self.table)))
+        end = 1 + p + len(self.table)
+        made = np.zeros((n, 3, end + (0 if beside is None else beside.shape[2])))
         apart, columns = np.zeros((n, 3)), np.zeros((n, 3, p))
         drifting, driven = np.zeros((n, 3, 3)), np.zeros((n, 3, 3))
         _kernels.increments(
@@ -115,7 +121,9 @@ class Turning:
         since = np.diff(time)
         within = skew(earth) @ by[:-1] * since[:, None, None]
         made[:, :, 1 : 1 + p] = columns
-        made[:, :, 1 + p :] = by[:-1] - within - by[1:]
+        made[:, :, 1 + p : end] = by[:-1] - within - by[1:]
+        if beside is not None:
+            made[:, :, end:] = beside
         made[:, :, 0] = apart
         for k, one in enumerate(self.table):
             if one.name not in ("latency", "clock"):  # the reference has those in it
@@ -126,6 +134,17 @@ class Turning:
         )  # fmt: skip
         flat = made.reshape(3 * n, -1)
         return flat[:, 0], flat[:, 1:]
+
+    def left_out(self, theta: Array) -> tuple[tuple[Column, ...], Array]:
+        """Return columns of what is left out, (e, 3, c), for `rows`."""
+        time, angles = self.track.time[self.epochs], self.track.angles[self.epochs]
+        found, first = left_out.of_gyros(self.part, self.bench, theta, time, angles)
+        seen = np.concatenate([first[None], found.seen])
+        since = np.diff(time)[:, None, None]
+        within = skew(model.earth(self.bench)) @ seen[:-1] * since
+        # φ goes on, but for the earth's turn.
+        made = [found.driven, seen[1:] - seen[:-1] + within]
+        return found.all, np.concatenate(made, axis=-1)
 
     @property
     def _lost(self) -> NDArray[np.bool_]:
@@ -174,6 +193,8 @@ class Resting:
         By readback and declared gravity, m/s².
     by : (e, 3, q) array
         How it moves with each nuisance.
+    angles : (e, k) array
+        Readback, rad.
     """
 
     part: model.Triad
@@ -184,6 +205,7 @@ class Resting:
     white: Array
     felt: Array
     by: Array
+    angles: Array
 
     @classmethod
     def of(cls, part: model.Triad, bench: Turntable, track: Track) -> "Resting":
@@ -220,16 +242,24 @@ class Resting:
                 turned = np.cross(force, seen.by[..., names.index(one.name)])
                 made[..., k] = (back @ turned[..., None])[..., 0]
         white = part.white / (count * step)
-        return cls(part, bench, table, time[:, 0], reading, white, felt, made)
+        return cls(part, bench, table, time[:, 0], reading, white, felt, made, angles)
 
-    def rows(self, theta: Array, q: Mapping[str, float]) -> tuple[Array, Array]:
-        """Return the whitened residual, (3 e,), and Jacobian, (3 e, p + q); arguments as before."""
+    def rows(
+        self, theta: Array, q: Mapping[str, float], beside: Array | None = None
+    ) -> tuple[Array, Array]:
+        """Return the whitened residual, (3 e,), and Jacobian; arguments as before."""
         off = np.array([_off(one, q) for one in self.table])
         motion = Motion(self.felt + self.by @ off)
         residual, jacobian = vector(self.part.sensor, self.reading, theta, motion, self.by, None)
         e = len(self.time)
         made = np.concatenate([residual[:, None], jacobian], axis=1).reshape(e, 3, -1)
+        if beside is not None:
+            made = np.concatenate([made, beside], axis=-1)
         made = np.ascontiguousarray(made)
         _kernels.whiten_each(self.time, made, self.white, self.part.drift, self.part.correlation)
         flat = made.reshape(3 * e, -1)
         return flat[:, 0], flat[:, 1:]
+
+    def left_out(self, theta: Array) -> tuple[tuple[Column, ...], Array]:
+        """Return columns of what is left out, (e, 3, c), for `rows`."""
+        return left_out.of_means(self.part, self.bench, theta, self.time, self.angles)

@@ -1,0 +1,62 @@
+"""Tests of a filter's innovations by groups of epochs: what white noise hides in a sum of squares.
+
+Divided by their standard deviations, the innovations of a filter whose model holds are independent
+and N(0, 1). Of a group of n epochs the sum over √n is N(0, 1) again, and a bias b of each grows to
+√n b there. Over g groups and m components::
+
+    means       Σ z²                              χ² of m g degrees of freedom
+    whiteness   Σ_l (Σ z_i · z_i+l)² / m (g − l)  χ² of as many as there are lags l, about
+
+(Bar-Shalom, Li and Kirubarajan 2001, Estimation with Applications to Tracking and Navigation,
+section 5.4; Box and Pierce 1970, JASA 65, 1509–1526, for the second.)
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.estimate.scores import Test
+
+Array = NDArray[np.float64]
+_LAGS = 3
+_FEWEST = 8  # groups that a correlation is computed from
+
+
+def standardised(off: Array, s: Array) -> Array:
+    """Return innovations (e, m) over their standard deviations; NaN where none was observed."""
+    return np.divide(off, np.sqrt(s), out=np.full(off.shape, np.nan), where=s > 0)
+
+
+def grouped(standard: Array, group: NDArray[np.int64]) -> Array:
+    """Return z of each group, (g, m): the sum of its innovations over the root of their number.
+
+    Parameters
+    ----------
+    standard : (e, m) array
+        NaN where nothing was observed.
+    group : (e,) array of int
+        Of each epoch, from 0 on; a negative one is in none. Groups without an epoch are left out.
+    """
+    kept = (group >= 0) & np.isfinite(standard).all(axis=1)
+    at = group[kept]
+    number = np.bincount(at)
+    total = np.stack([np.bincount(at, column) for column in standard[kept].T], axis=-1)
+    return total[number > 0] / np.sqrt(number[number > 0])[:, None]
+
+
+def means_and_whiteness(z: Array, means: str, whiteness: str) -> tuple[Test, ...]:
+    """Return the tests of the groups' means, and of their correlation in the order of time.
+
+    Parameters
+    ----------
+    z : (g, m) array
+        As of `grouped`.
+    means, whiteness : str
+        What the tests are called.
+    """
+    g, m = z.shape
+    made = [Test(means, float(np.sum(z**2)), g * m)] if g else []
+    if g >= _FEWEST:
+        lags = range(1, _LAGS + 1)
+        statistic = sum(float(np.sum(z[:-lag] * z[lag:])) ** 2 / (m * (g - lag)) for lag in lags)
+        made.append(Test(whiteness, statistic, _LAGS))
+    return tuple(made)

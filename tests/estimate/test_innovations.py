@@ -1,0 +1,56 @@
+"""Tests of innovations by groups: quiet for white noise, loud for what its sum of squares hides."""
+
+import numpy as np
+import pytest
+from scipy.stats import kstest
+
+from inercal.estimate import innovations
+
+GROUPS, EACH, M = 30, 200, 3
+GROUP = np.repeat(np.arange(GROUPS), EACH)
+
+
+def p_values(standard: np.ndarray) -> list[float]:
+    z = innovations.grouped(standard, GROUP)
+    return [one.p_value for one in innovations.means_and_whiteness(z, "means", "whiteness")]
+
+
+def test_p_values_of_white_noise_are_uniform():
+    rng = np.random.default_rng(5)
+    found = np.array([p_values(rng.standard_normal((GROUP.size, M))) for _ in range(300)])
+    for column in found.T:
+        assert kstest(column, "uniform").pvalue > 1e-3
+
+
+def test_a_bias_of_half_a_deviation_in_one_group_of_thirty_is_seen():
+    standard = np.random.default_rng(6).standard_normal((GROUP.size, M))
+    before = p_values(standard)[0]
+    standard[GROUP == 4] += 0.5
+    after = p_values(standard)[0]
+    assert before > 0.01
+    assert after < 1e-6
+    # The sum of squares does not see it.
+    assert np.sum(standard**2) / standard.size == pytest.approx(1.0, abs=0.05)
+
+
+def test_groups_that_hang_together_are_seen():
+    rng = np.random.default_rng(8)
+    slow = np.zeros((GROUPS, M))
+    for k in range(1, GROUPS):
+        slow[k] = 0.9 * slow[k - 1] + np.sqrt(1 - 0.81) * rng.standard_normal(M)
+    standard = np.sqrt(0.5) * rng.standard_normal((GROUP.size, M))
+    standard += np.sqrt(0.5 / EACH) * slow[GROUP]
+    assert p_values(standard)[1] < 1e-3
+
+
+def test_epochs_without_a_group_or_an_observation_are_left_out():
+    standard = np.ones((6, 2))
+    standard[1] = np.nan
+    z = innovations.grouped(standard, np.array([0, 0, 0, -1, 2, 2]))
+    np.testing.assert_allclose(z, np.sqrt(2) * np.ones((2, 2)))
+
+
+def test_an_innovation_that_was_not_observed_is_no_number():
+    made = innovations.standardised(np.array([[2.0, 0.0]]), np.array([[4.0, 0.0]]))
+    assert made[0, 0] == 1.0
+    assert np.isnan(made[0, 1])
