@@ -23,6 +23,9 @@ Where = Callable[[int], str]
 """Names the place of a sample in the file."""
 
 _LOST = 0.01  # of the recording; less is a note
+_OFTEN = 0.02  # of the steps are long in a recording that comes in bursts,
+_SHORTER = 1.5  # the mean step is so many times the median one,
+_HELD_BACK = 10  # and within this many bursts the samples keep pace with their mean rate
 _NEAR_S = 1.0  # saturated stretches closer than this are one finding
 
 
@@ -67,6 +70,9 @@ def audit(
     cleaned = audit_rows(recording, nonfinite, in_place=in_place)
     findings = list(cleaned.findings)
     if not any(finding.severity == "refused" for finding in findings):
+        if bursty := bursts(cleaned):
+            kept = [finding for finding in findings if finding.what not in ("gap", "jitter")]
+            return replace(cleaned, findings=(*kept, *bursty))
         for k, channel in enumerate(cleaned.channels):
             findings += channel_findings(cleaned, k, limits.get(channel))
     return replace(cleaned, findings=tuple(findings))
@@ -219,6 +225,44 @@ def _as_before(recording: Recording, samples: Indices) -> NDArray[np.bool_]:
     for name in recording.readback:
         same &= before.readback[name] == after.readback[name]
     return same
+
+
+def bursts(recording: Recording) -> list[Finding]:
+    """Refuse samples that were sent evenly and stamped in bursts, as they came over a link.
+
+    Lost samples leave a recording behind its rate by more and more, in any stretch of it; of
+    samples in bursts each comes at most one burst late.
+    """
+    time, median = recording.time, recording.median_step
+    if time.size < 4 * _HELD_BACK:
+        return []
+    steps = np.diff(time)
+    late = recording.gaps[:, 0]
+    if late.size < max(_OFTEN * steps.size, 2 * _HELD_BACK):
+        return []
+    pause = float(np.median(steps[late]))
+    # A pause of the recorder counts as one between two bursts.
+    mean = float(np.where(steps < _HELD_BACK * pause, steps, pause).mean())
+    if mean < _SHORTER * median:
+        return []
+    # Of each stretch the departure from even times, against the pause between two bursts.
+    length = int(_HELD_BACK * steps.size / late.size)
+    whole = time.size // length * length
+    stretches = time[:whole].reshape(-1, length)
+    stretches = stretches - stretches.mean(axis=1, keepdims=True)
+    count = np.arange(length) - 0.5 * (length - 1)
+    pace = stretches @ count / (count @ count)
+    off = (stretches - pace[:, None] * count).std(axis=1)
+    even = float(np.quantile(np.abs(pace / np.median(pace) - 1), 0.75)) < 0.5 / _HELD_BACK
+    if not even or float(np.median(off)) > 0.6 * pause:
+        return []
+    hz = 1 / mean
+    text = (
+        f"samples come in bursts: the median step of time is {median:.3g} s and the mean one "
+        f"{mean:.3g} s, so that the stamps are those of a link, not of the sensor: leave [data] "
+        f'time out and state rate = "{hz:.4g} Hz", if that is the sampling rate'
+    )
+    return [Finding("refused", "bursts", text)]
 
 
 def gaps(recording: Recording) -> list[Finding]:

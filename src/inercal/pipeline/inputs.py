@@ -137,7 +137,7 @@ def columns(run: Run) -> Columns:
         channels=channels["f"] if apart else channels["f"] + channels["w"],
         second=channels["w"] if apart else (),
         time=None if data.time is None or data.kind == "means" else str(data.time),
-        time_unit=data.time_unit,
+        time_unit=data.time_unit if "time_unit" in data.model_fields_set else None,
         rate_hz=_column_rate(run),
         label=None if label is None else str(label),
         temperature=None if data.temperature is None else str(data.temperature),
