@@ -124,8 +124,9 @@ def _blocks(
     """
     data = recording.data[..., mark.start : mark.start + _BLOCKS * n, columns]
     parts = sensor.to_si(data).reshape(-1, _BLOCKS, n, len(columns))
-    scatter: Array = np.median(parts.std(axis=2), axis=1)
-    return np.ptp(parts.mean(axis=2), axis=1), scatter
+    means: Array = parts.mean(axis=2)
+    scatters: Array = parts.std(axis=2)
+    return np.ptp(means, axis=1), np.asarray(np.median(scatters, axis=1))
 
 
 def _step(recording: Recording, column: int) -> float:
