@@ -26,6 +26,7 @@ _LOST = 0.01  # of the recording; less is a note
 _OFTEN = 0.02  # of the steps are long in a recording that comes in bursts,
 _SHORTER = 1.5  # the mean step is so many times the median one,
 _HELD_BACK = 10  # and within this many bursts the samples keep pace with their mean rate
+_LIVES = 0.5  # of its scatter in the whole recording: a channel changes in a part of it
 _NEAR_S = 1.0  # saturated stretches closer than this are one finding
 
 
@@ -314,15 +315,49 @@ def channel_findings(
     if (x == x[0]).all():
         text = f"{channel} reads {x[0]:.6g} throughout: is it connected, and is it this column?"
         return [Finding("refused", "stuck", text, channel, 0, x.size)]
-    railed = runs.at_rails(x) if limits is None else runs.beyond(x, *limits)
+    if dead := _dead(recording, k, x):
+        return [dead]
+    why = ""
+    if limits is None:
+        railed, cut = runs.at_rails(x), runs.piled(x)
+        if cut:
+            railed = runs.at_values(x, railed, cut)
+            values = " and ".join(f"{value:.6g}" for value in cut)
+            why = (
+                f": readings pile up at {values} {recording.units[k]}, as where noise is cut off; "
+                "state full_scale"
+            )
+    else:
+        railed = runs.beyond(x, *limits)
     findings: list[Finding] = []
     for start, stop in runs.joined(railed, _NEAR_S * recording.rate_hz):
-        text = f"{channel} is at the end of its range {_span(recording, start, stop)}"
+        text = f"{channel} is at the end of its range {_span(recording, start, stop)}{why}"
         findings.append(Finding("warning", "saturation", text, channel, start, stop))
     for start, stop in runs.stuck(x, railed).tolist():
         text = f"{channel} holds {x[start]:.6g} {_span(recording, start, stop)}"
         findings.append(Finding("warning", "stuck", text, channel, start, stop))
     return findings
+
+
+def _dead(recording: Recording, k: int, x: Array) -> Finding | None:
+    """Refuse a channel that holds one value for half of the time while its like all change."""
+    if (run := runs.longest(x)) is None:
+        return None
+    start, stop = run
+    unit, channel = recording.units[k], recording.channels[k]
+    like = [j for j, other in enumerate(recording.units) if other == unit and j != k]
+    if not like:
+        return None
+    for j in like:
+        other = recording.data[:, j]
+        if not other[start:stop].std() > _LIVES * other.std():
+            return None
+    names = " and ".join(recording.channels[j] for j in like)
+    text = (
+        f"{channel} holds {x[start]:.6g} {_span(recording, start, stop)} while {names} change: is "
+        "it connected? Record again, or use the part before and after in files of their own"
+    )
+    return Finding("refused", "stuck", text, channel, start, stop)
 
 
 def _rows(count: int) -> str:
