@@ -9,14 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from inercal.benches import Turntable
 from inercal.budget.of_run import experiment_of
 from inercal.cli.app import app, main
 from inercal.design.on_turntable import worksheet
 from inercal.errors import InercalError, InputError, NotObserved
 from inercal.io.write import write_recording
+from inercal.methods.turntable.model import coarse, triad
 from inercal.pipeline import Outcome, apply, calibrate, named_as_in, simulate
 from inercal.plan import Position, Rotation
-from inercal.recording import Recording
+from inercal.recording import Recording, Track
 from inercal.report import write_report
 from inercal.runfile import Run, read
 
@@ -160,6 +162,15 @@ def refused(run: Run, words: str, kind: type[InercalError] = InputError) -> None
 def test_a_first_rest_that_is_too_short_is_refused(tmp_path: Path):
     short = path_of("warm-up", "y up", "x+").replace("0,0,0,30", "0,0,0,12")
     refused(recorded(run_of(tmp_path, path=short)), "begins with a rest of 11.* s; .* 20 s of rest")
+
+
+@pytest.mark.parametrize("seconds", [20.0, 19.8, 19.05])
+def test_a_first_rest_of_20_s_less_its_settling_is_accepted(folder: Path, seconds: float):
+    run = run_of(folder)
+    assert isinstance(run.bench, Turntable)
+    time = np.arange(round(100 * seconds) + 1) / 100
+    track = Track(time, np.ones((time.size, 6)), np.zeros((time.size, 3)), np.zeros(time.size, int))
+    assert np.isfinite(coarse(run.bench, track, triad(run.sensor, "f"))).all()
 
 
 def test_directions_that_a_path_leaves_open_are_named(tmp_path: Path):

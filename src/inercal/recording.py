@@ -86,6 +86,8 @@ class Recording:
         Column of a file that labels are written to.
     time_name : str
         The same of times.
+    origin : int or None
+        Time 0, ns since 1970, where the file states dates.
 
     Raises
     ------
@@ -107,6 +109,7 @@ class Recording:
     original: Indices | None = None
     label_name: str = "label"
     time_name: str = "time"
+    origin: int | None = None
 
     def __post_init__(self) -> None:
         n, m = self.time.size, len(self.channels)

@@ -181,6 +181,34 @@ def test_a_channel_that_never_changes_is_refused():
     assert only(audit(made)).message.startswith("y reads 2.5 throughout: is it connected")
 
 
+@pytest.mark.parametrize(("start", "stop"), [(0, 700), (300, 1000), (200, 800)])
+def test_a_channel_that_dies_for_half_of_the_time_is_refused(start: int, stop: int):
+    made = recording()
+    made.data[start:stop, 1] = 0.0
+    finding = only(audit(made))
+    assert (finding.severity, finding.what, finding.channel) == ("refused", "stuck", "y")
+    assert (finding.start, finding.stop) == (start, stop)
+
+
+def test_channels_that_hold_their_values_together_rest():
+    made = recording()
+    made.data[100:900] = [0.25, 1.0]  # steps above the noise: at rest each channel is one number
+    assert "refused" not in {f.severity for f in audit(made).findings}
+
+
+def test_readings_cut_off_at_1_g_are_saturated_with_the_key_to_state():
+    rng = np.random.default_rng(8)
+    made = recording()
+    made.data[:] = np.round(rng.normal(scale=0.3, size=(1000, 2)), 4)
+    made.data[400:800, 0] = np.clip(np.round(1 + rng.normal(scale=2e-3, size=400), 4), -1, 1)
+    made.data[:, 0] = np.clip(made.data[:, 0], -1, 1)
+    finding = only(audit(made))
+    assert (finding.severity, finding.what, finding.channel) == ("warning", "saturation", "x")
+    assert "pile up at 1 g" in finding.message
+    assert "full_scale" in finding.message
+    assert audit(made, limits={"x": (-2, 2), "y": (-2, 2)}).findings == ()
+
+
 def test_a_single_sample_and_trials_are_refused():
     assert kinds(audit(recording(1))) == [("refused", "order")]
     with pytest.raises(InputError, match="without an axis of trials"):

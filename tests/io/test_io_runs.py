@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from inercal.io.runs import at_rails, beyond, joined, stuck
+from inercal.io.runs import at_rails, at_values, beyond, joined, longest, piled, stuck
 from inercal.recording import Array
 
 NONE = np.zeros((0, 2), dtype=np.int64)
@@ -77,3 +77,51 @@ def test_neighbouring_ranges_become_one():
     ranges = np.array([[0, 5], [8, 10], [30, 31]])
     assert joined(ranges, apart=4) == [(0, 10), (30, 31)]
     assert joined(NONE, apart=4) == []
+
+
+def rests(noise: float, step: float, seed: int) -> Array:
+    """Return six rests of 10 s at 100 Hz, ±1 g and four times about 0 g, and moves; g."""
+    rng = np.random.default_rng(seed)
+    parts: list[Array] = []
+    bias = rng.normal(scale=0.03)
+    levels = [float(bias + level) for level in (1.0, -1.0, *rng.normal(scale=0.01, size=4))]
+    for before, after in zip(levels, [*levels[1:], levels[-1]], strict=True):
+        way = 0.5 - 0.5 * np.cos(np.linspace(0, np.pi, 150))
+        move = before + (after - before) * way + 0.3 * np.sin(np.linspace(0, 12, 150)) * way
+        parts += [np.full(1000, before), move]
+    x = np.concatenate(parts)
+    return np.round((x + noise * rng.normal(size=x.size)) / step) * step
+
+
+@pytest.mark.parametrize("noise", [2e-4, 5e-4, 1e-3, 2e-3])
+def test_quantisation_of_4_mg_is_not_stuck(noise: float):
+    assert [stuck(rests(noise, 4e-3, seed), NONE).size for seed in range(40)] == [0] * 40
+
+
+@pytest.mark.parametrize("step", [1e-9, 6e-5, 2.5e-4])
+@pytest.mark.parametrize("at", [0.999, 1.0, 1.0005])
+def test_noise_cut_off_at_the_end_of_the_range_is_found_in_the_histogram(step: float, at: float):
+    end = round(at / step) * step
+    for seed in range(10):
+        x = rests(1e-3, step, seed)
+        x -= x[:1000].mean() - 1.0  # the first rest reads 1 g
+        x = np.clip(np.round(x / step) * step, -3.0, end)
+        assert piled(x) == (end,)
+        found = at_values(x, NONE, piled(x))
+        assert (found[:, 0] < 1000).any()
+
+
+@pytest.mark.parametrize("noise", [1e-4, 1e-3, 3e-3, 1e-2])
+@pytest.mark.parametrize("step", [1e-9, 6e-5, 1e-3, 4e-3])
+def test_noise_that_is_not_cut_off_piles_up_nowhere(noise: float, step: float):
+    assert [piled(rests(noise, step, seed)) for seed in range(20)] == [()] * 20
+
+
+def test_a_run_of_half_of_the_samples_is_found_wherever_it_is():
+    x = RNG.normal(size=1000)
+    assert longest(x) is None
+    for start in (0, 200, 499):
+        y = x.copy()
+        y[start : start + 501] = 1.0
+        assert longest(y) == (start, start + 501)
+    assert longest(np.ones(10)) == (0, 10)

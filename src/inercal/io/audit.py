@@ -23,6 +23,10 @@ Where = Callable[[int], str]
 """Names the place of a sample in the file."""
 
 _LOST = 0.01  # of the recording; less is a note
+_OFTEN = 0.02  # of the steps are long in a recording that comes in bursts,
+_SHORTER = 1.5  # the mean step is so many times the median one,
+_HELD_BACK = 10  # and within this many bursts the samples keep pace with their mean rate
+_LIVES = 0.5  # of its scatter in the whole recording: a channel changes in a part of it
 _NEAR_S = 1.0  # saturated stretches closer than this are one finding
 
 
@@ -67,6 +71,9 @@ def audit(
     cleaned = audit_rows(recording, nonfinite, in_place=in_place)
     findings = list(cleaned.findings)
     if not any(finding.severity == "refused" for finding in findings):
+        if bursty := bursts(cleaned):
+            kept = [finding for finding in findings if finding.what not in ("gap", "jitter")]
+            return replace(cleaned, findings=(*kept, *bursty))
         for k, channel in enumerate(cleaned.channels):
             findings += channel_findings(cleaned, k, limits.get(channel))
     return replace(cleaned, findings=tuple(findings))
@@ -221,6 +228,44 @@ def _as_before(recording: Recording, samples: Indices) -> NDArray[np.bool_]:
     return same
 
 
+def bursts(recording: Recording) -> list[Finding]:
+    """Refuse samples that were sent evenly and stamped in bursts, as they came over a link.
+
+    Lost samples leave a recording behind its rate by more and more, in any stretch of it; of
+    samples in bursts each comes at most one burst late.
+    """
+    time, median = recording.time, recording.median_step
+    if time.size < 4 * _HELD_BACK:
+        return []
+    steps = np.diff(time)
+    late = recording.gaps[:, 0]
+    if late.size < max(_OFTEN * steps.size, 2 * _HELD_BACK):
+        return []
+    pause = float(np.median(steps[late]))
+    # A pause of the recorder counts as one between two bursts.
+    mean = float(np.where(steps < _HELD_BACK * pause, steps, pause).mean())
+    if mean < _SHORTER * median:
+        return []
+    # Of each stretch the departure from even times, against the pause between two bursts.
+    length = int(_HELD_BACK * steps.size / late.size)
+    whole = time.size // length * length
+    stretches = time[:whole].reshape(-1, length)
+    stretches = stretches - stretches.mean(axis=1, keepdims=True)
+    count = np.arange(length) - 0.5 * (length - 1)
+    pace = stretches @ count / (count @ count)
+    off = (stretches - pace[:, None] * count).std(axis=1)
+    even = float(np.quantile(np.abs(pace / np.median(pace) - 1), 0.75)) < 0.5 / _HELD_BACK
+    if not even or float(np.median(off)) > 0.6 * pause:
+        return []
+    hz = 1 / mean
+    text = (
+        f"samples come in bursts: the median step of time is {median:.3g} s and the mean one "
+        f"{mean:.3g} s, so that the stamps are those of a link, not of the sensor: leave [data] "
+        f'time out and state rate = "{hz:.4g} Hz", if that is the sampling rate'
+    )
+    return [Finding("refused", "bursts", text)]
+
+
 def gaps(recording: Recording) -> list[Finding]:
     """Note gaps; those inside a section that lose more than 1 % of the time are a warning."""
     found = recording.gaps
@@ -270,15 +315,49 @@ def channel_findings(
     if (x == x[0]).all():
         text = f"{channel} reads {x[0]:.6g} throughout: is it connected, and is it this column?"
         return [Finding("refused", "stuck", text, channel, 0, x.size)]
-    railed = runs.at_rails(x) if limits is None else runs.beyond(x, *limits)
+    if dead := _dead(recording, k, x):
+        return [dead]
+    why = ""
+    if limits is None:
+        railed, cut = runs.at_rails(x), runs.piled(x)
+        if cut:
+            railed = runs.at_values(x, railed, cut)
+            values = " and ".join(f"{value:.6g}" for value in cut)
+            why = (
+                f": readings pile up at {values} {recording.units[k]}, as where noise is cut off; "
+                "state full_scale"
+            )
+    else:
+        railed = runs.beyond(x, *limits)
     findings: list[Finding] = []
     for start, stop in runs.joined(railed, _NEAR_S * recording.rate_hz):
-        text = f"{channel} is at the end of its range {_span(recording, start, stop)}"
+        text = f"{channel} is at the end of its range {_span(recording, start, stop)}{why}"
         findings.append(Finding("warning", "saturation", text, channel, start, stop))
     for start, stop in runs.stuck(x, railed).tolist():
         text = f"{channel} holds {x[start]:.6g} {_span(recording, start, stop)}"
         findings.append(Finding("warning", "stuck", text, channel, start, stop))
     return findings
+
+
+def _dead(recording: Recording, k: int, x: Array) -> Finding | None:
+    """Refuse a channel that holds one value for half of the time while its like all change."""
+    if (run := runs.longest(x)) is None:
+        return None
+    start, stop = run
+    unit, channel = recording.units[k], recording.channels[k]
+    like = [j for j, other in enumerate(recording.units) if other == unit and j != k]
+    if not like:
+        return None
+    for j in like:
+        other = recording.data[:, j]
+        if not other[start:stop].std() > _LIVES * other.std():
+            return None
+    names = " and ".join(recording.channels[j] for j in like)
+    text = (
+        f"{channel} holds {x[start]:.6g} {_span(recording, start, stop)} while {names} change: is "
+        "it connected? Record again, or use the part before and after in files of their own"
+    )
+    return Finding("refused", "stuck", text, channel, start, stop)
 
 
 def _rows(count: int) -> str:

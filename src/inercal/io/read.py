@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ from inercal.io.hdf5 import read_hdf5
 from inercal.io.mat import read_mat
 from inercal.io.npz import read_npz
 from inercal.io.parquet import read_parquet
+from inercal.io.stamps import from_iso, looks_iso, require_unit
 from inercal.io.table import Table, Wanted, open_error
 from inercal.io.text import read_text
 from inercal.recording import Array, Recording
@@ -55,12 +56,18 @@ class Columns:
         One for each axis of the sensor, in its order; the unit is that of the column.
     time : str or None
         Column of time stamps; None where samples come at `rate_hz`.
-    time_unit : str
-        Unit of the time column; "sample" for a counter.
+    time_unit : str or None
+        Unit of the time column as it is stated; "sample" for a counter, None where no unit is
+        stated, and s are in force.
     rate_hz : float or None
         Samples per second, where there is no time column or where it counts samples.
     modulus : int or None
         Of a counter of samples that begins again at 0: how many it counts.
+    time_keys : (str, str or None)
+        Keys of a run file that a message names: of the time column's unit, and of a rate in place
+        of the column.
+    origin : int or None
+        Time 0 of a column of dates, ns since 1970; that of the first row where it is not given.
     label : str or None
         Column that names the section of each sample.
     temperature, temperature_unit : str
@@ -82,7 +89,7 @@ class Columns:
 
     channels: tuple[tuple[str, str, str], ...]
     time: str | None = None
-    time_unit: str = "s"
+    time_unit: str | None = None
     rate_hz: float | None = None
     label: str | None = None
     temperature: str | None = None
@@ -91,6 +98,8 @@ class Columns:
     nonfinite: Nonfinite = "refuse"
     second: tuple[tuple[str, str, str], ...] = ()
     modulus: int | None = None
+    time_keys: tuple[str, str | None] = ("time_unit", "rate")
+    origin: int | None = None
 
     def __post_init__(self) -> None:
         for _, _, unit in (*self.channels, *self.second):
@@ -101,7 +110,7 @@ class Columns:
             raise InputError(f"rate_hz is needed: {reason}")
         if not counted and self.rate_hz is not None:
             raise InputError(
-                f"rate_hz and a time column in {self.time_unit!r} are both stated: keep one"
+                f"rate_hz and a time column in {self.time_unit or 's'!r} are both stated: keep one"
             )
         if self.modulus is not None and (self.time is None or not counted):
             raise InputError(f"modulus {self.modulus} is of a time column that counts samples")
@@ -227,7 +236,8 @@ def _recording(path: Path, columns: Columns, second: Path | None) -> Recording:
     if columns.temperature is not None:
         celsius = table.numbers(columns.temperature)
         temperature = to_si(celsius, columns.temperature_unit, like="K")
-    time = _time(table, columns, len(data))
+    time, origin = _time(table, columns, len(data))
+    columns = replace(columns, origin=origin)
     channels = columns.channels + columns.second
     source, first_row = table.source, table.first_line
     if second is not None:
@@ -248,6 +258,7 @@ def _recording(path: Path, columns: Columns, second: Path | None) -> Recording:
         source=source,
         sha256=table.sha256,
         first_row=first_row,
+        origin=origin,
     )
 
 
@@ -273,7 +284,7 @@ def _second(path: Path, columns: Columns, place: Array, first: tuple[str, Array]
             "two files of one recording have the same rows"
         )
     if columns.time is not None:
-        _refuse_apart(table, _time(table, columns, len(block)), name, time)
+        _refuse_apart(table, _time(table, columns, len(block))[0], name, time)
     place[:] = block
     return table
 
@@ -298,16 +309,30 @@ def _refuse_apart(table: Table, time: Array, name: str, expected: Array) -> None
     )
 
 
-def _time(table: Table, columns: Columns, n: int) -> Array:
-    """Return the time of each sample, (n,), s."""
-    counter = (
-        np.arange(n, dtype=np.float64) if columns.time is None else table.numbers(columns.time)
-    )
+def _time(table: Table, columns: Columns, n: int) -> tuple[Array, int | None]:
+    """Return the time of each sample, (n,), s, and of a column of dates what time 0 is."""
+    name = columns.time
+    if name is not None and columns.rate_hz is None and _holds_dates(table, name):
+        if columns.time_unit is not None:
+            raise InputError(
+                f"{table.source}: column {name!r} holds ISO 8601 times, which have no unit: leave "
+                f"{columns.time_keys[0]} out"
+            )
+        cells: list[str] = table.columns[name].tolist()
+        return from_iso(cells, name, table.source, table.first_line, columns.origin)
+    counter = np.arange(n, dtype=np.float64) if name is None else table.numbers(name)
     if columns.rate_hz is not None and columns.modulus is not None:
         try:
-            return from_counter(counter, columns.modulus, columns.rate_hz)
+            return from_counter(counter, columns.modulus, columns.rate_hz), None
         except InputError as error:
             raise InputError(f"{table.source}: {error}") from None
-    if columns.rate_hz is not None:
-        return counter / columns.rate_hz
-    return counter * factor(columns.time_unit, like="s")
+    if name is None or columns.rate_hz is not None:
+        return counter / (columns.rate_hz or 1.0), None
+    require_unit(counter, name, columns.time_unit, table.source, columns.time_keys)
+    return counter * factor(columns.time_unit or "s", like="s"), None
+
+
+def _holds_dates(table: Table, name: str) -> bool:
+    """Return whether a column is text whose first cell is a date with a time."""
+    column = table.columns[name]
+    return column.dtype.kind == "U" and column.size > 0 and looks_iso(str(column[0]))

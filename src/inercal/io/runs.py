@@ -2,7 +2,8 @@
 
 No amplitude is assumed. Quantised noise repeats values in runs whose lengths fall off smoothly; a
 reading at its rail or stuck stands far above the longest of them. A coarsely quantised sensor at
-rest repeats values everywhere, so none of its runs stands out.
+rest repeats values as well: where its steps exceed its noise, long runs are how it reads. Noise
+about the end of the range is cut off there and makes no long runs: it piles up in the histogram.
 """
 
 from typing import NamedTuple
@@ -17,6 +18,15 @@ _STANDS_OUT = 5  # times the longest of the ordinary runs
 _RAIL = 5  # samples; fewer at an extreme are a peak
 _STUCK = 50  # samples; fewer are an ordinary repetition
 _LEVELS = 10  # values; a resting sensor's noise may span fewer, and then its top one repeats
+_WINDOW = 50  # samples over which a channel spans few steps if these are coarse,
+_SPAN = 2.0  # at most so many in its quietest windows,
+_QUIETEST = 0.1  # of all
+_GENTLE = 0.8  # of the ends of runs at which a coarse reading moves by two steps at most
+_PILE, _PILED_RUNS = 20, 10  # samples and runs at an extreme before it is judged,
+_MANY = 30  # samples a run at most: a rest at one value is no noise
+_NEXT = 5  # steps below an extreme with which its number of samples is compared
+_PILED = 2  # times the number at any of these; without a cut there are fewer at an extreme
+_BESIDE = 1.5  # steps by which the samples beside an extreme differ from it, if noise is cut off
 _NONE: Indices = np.zeros((0, 2), np.int64)
 
 
@@ -64,6 +74,81 @@ def at_rails(x: Array) -> Indices:
     return _ranges(np.logical_or.reduce([x == v for v in rails]))
 
 
+def piled(x: Array) -> tuple[float, ...]:
+    """Return the extremes at which a channel's noise is cut off.
+
+    An extreme cuts noise off if it comes twice as often as any of the next five values and the
+    samples beside it are two steps from it or more: noise of less than a step piles up at whatever
+    value is nearest.
+    """
+    cut: list[float] = []
+    step = 0.0
+    for sign in (1.0, -1.0):
+        top = sign * float((sign * x).max())
+        at = x == top
+        if np.count_nonzero(at) < _PILE:
+            continue
+        step = step or _step(x)
+        begins = np.flatnonzero(at[1:] & ~at[:-1])
+        ends = np.flatnonzero(at[:-1] & ~at[1:]) + 1
+        beside = np.abs(np.concatenate([x[begins], x[ends]]) - top)
+        few = begins.size < max(_PILED_RUNS, np.count_nonzero(at) / _MANY)
+        if few or np.median(beside) <= _BESIDE * step:
+            continue
+        below = np.round(np.abs(x[np.abs(x - top) < (_NEXT + 0.5) * step] - top) / step)
+        counts = np.bincount(below.astype(np.int64), minlength=_NEXT + 1)
+        if counts[0] >= _PILED * counts[1:].max():
+            cut.append(top)
+    return tuple(cut)
+
+
+def at_values(x: Array, ranges: Indices, values: tuple[float, ...]) -> Indices:
+    """Return half-open ranges, (k, 2): those given, and where a channel reads these values."""
+    there = np.logical_or.reduce([x == value for value in values])
+    for start, stop in ranges.tolist():
+        there[start:stop] = True
+    return _ranges(there)
+
+
+def longest(x: Array) -> tuple[int, int] | None:
+    """Return the run of one value that takes half of the samples or more, half open, if any."""
+    middle = x.size // 2  # it lies in such a run
+    other = x != x[middle]
+    before, after = np.flatnonzero(other[:middle]), np.flatnonzero(other[middle:])
+    start = int(before[-1]) + 1 if before.size else 0
+    stop = middle + int(after[0]) if after.size else x.size
+    return (start, stop) if 2 * (stop - start) >= x.size else None
+
+
+def _step(x: Array) -> float:
+    """Return the smallest change between samples; infinite without any."""
+    steps = np.abs(np.diff(x))
+    return float(np.min(steps, initial=np.inf, where=steps > 0))
+
+
+def _coarse(x: Array, held: Indices) -> bool:
+    """Return whether the steps of a channel are so coarse that it holds values for long at rest.
+
+    Parameters
+    ----------
+    x : (n,) array
+    held : (k, 2) array
+        Its long runs, which are not looked at themselves.
+    """
+    few = _SPAN * _step(x) * (1 + 1e-6)
+    inside = np.zeros(x.size + 1, np.int8)
+    np.add.at(inside, held[:, 0], 1)
+    np.add.at(inside, held[:, 1], -1)
+    apart = np.cumsum(inside[:-1], dtype=np.int8) == 0
+    whole = x.size // _WINDOW * _WINDOW
+    windows = x[:whole].reshape(-1, _WINDOW)[apart[:whole].reshape(-1, _WINDOW).all(axis=1)]
+    if len(windows) and float(np.quantile(np.ptp(windows, axis=1), _QUIETEST)) <= few:
+        return True
+    first, last = held[held[:, 0] > 0, 0], held[held[:, 1] < x.size, 1]
+    moved = np.concatenate([np.abs(x[first] - x[first - 1]), np.abs(x[last] - x[last - 1])])
+    return len(held) > 2 and float(np.mean(moved <= few)) >= _GENTLE
+
+
 def _in_a_row(mask: NDArray[np.bool_], count: int) -> bool:
     """Return whether so many neighbours are True: in most recordings none, which is told soon."""
     width = 1
@@ -88,7 +173,8 @@ def stuck(x: Array, known: Indices) -> Indices:
     """Return half-open ranges, (k, 2), where a channel (n,) holds one value for far too long.
 
     Lengths of runs, sorted, are taken apart at the first fivefold jump to 50 samples or more.
-    Runs above the jump that hold most of the samples are how this channel reads, and are let pass.
+    Runs above the jump that hold most of the samples are how this channel reads, and are let pass;
+    so are those of a channel whose steps exceed its noise.
 
     Parameters
     ----------
@@ -113,7 +199,8 @@ def stuck(x: Array, known: Indices) -> Indices:
     held = (runs.length >= lengths[jump[0] + 1]) & ordinary
     if 2 * runs.length[held].sum() >= x.size:
         return _NONE
-    return np.stack([runs.start[held], runs.start[held] + runs.length[held]], axis=-1)
+    found = np.stack([runs.start[held], runs.start[held] + runs.length[held]], axis=-1)
+    return _NONE if _coarse(x, found) else found
 
 
 def joined(ranges: Indices, apart: float) -> list[tuple[int, int]]:

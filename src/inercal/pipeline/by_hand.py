@@ -6,7 +6,13 @@ from inercal.benches import Hand
 from inercal.errors import InputError
 from inercal.io.marks import as_read, marks_from_file
 from inercal.io.means import read_means
-from inercal.pipeline.inputs import Gathered, columns, load_recording, stated_sd
+from inercal.pipeline.inputs import (
+    Gathered,
+    columns,
+    load_recording,
+    stated_sd,
+    still_but_accepted,
+)
 from inercal.plan import HandStep, Hold, Turn
 from inercal.recording import Finding, Mark, Observations, Recording
 from inercal.runfile import Run
@@ -90,9 +96,11 @@ def _planned_sections(
     else:
         marks = _stated_marks(run, recording)
     check_marks(marks, recording, [step.label for step in steps])
-    observations = observe(recording, run.sensor, marks, steps)
+    holds = {step.label for step in steps if isinstance(step, Hold)}
+    moving = still_but_accepted(run, recording, [mark for mark in marks if mark.label in holds])
+    observations = observe(recording, run.sensor, marks, steps, found=True)
     findings = check_turn_ends(recording, run.sensor, marks, steps)
-    return marks, observations, recording.findings + findings
+    return marks, observations, recording.findings + moving + findings
 
 
 def _planned(run: Run, observations: Observations) -> tuple[HandStep, ...]:
@@ -116,8 +124,14 @@ def _free_rests(
         marks = _stated_marks(run, recording)
         check_marks(marks, recording, [mark.label for mark in marks])
     marks, left_out = unflawed(recording, run.sensor, marks)
-    found = rests is not None
-    observations = observe(recording, run.sensor, marks, as_found(marks), by_hand=True, found=found)
+    if rests is None:
+        findings = (*findings, *still_but_accepted(run, recording, marks))
+    elif run.data.accept_moving is not None:
+        raise InputError(
+            f"{run.path}: [data] accept_moving goes with marks of your own: rests that are found "
+            "are still"
+        )
+    observations = observe(recording, run.sensor, marks, as_found(marks), by_hand=True, found=True)
     if run.sensor.only("w").axes:
         observations = replace(observations, passages=between_rests(recording, run.sensor, marks))
     return marks, observations, findings + left_out

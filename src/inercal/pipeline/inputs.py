@@ -1,6 +1,7 @@
 """What a run file says of its data, in the words of `inercal.io`: columns, limits, deviations."""
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from inercal.plan import Step
 from inercal.recording import Finding, Mark, Observations, Recording
 from inercal.runfile import Run
 from inercal.runfile.build import si_value
-from inercal.segments import FoundRests
+from inercal.segments import FoundRests, require_still
 from inercal.sensors import Sensor
 from inercal.units import factor, parse
 
@@ -72,6 +73,19 @@ def load_recording(run: Run) -> Recording:
     if not isinstance(run.bench, Hand):
         return recording  # what is steady there is a dwell on the arm, not a rest
     return accept(audit_rest_norm(recording, run.sensor, run.bench.gravity.value))
+
+
+def still_but_accepted(
+    run: Run, recording: Recording, marks: Sequence[Mark]
+) -> tuple[Finding, ...]:
+    """Refuse marked rests that move; return warnings of those that the run file accepts.
+
+    Raises
+    ------
+    InputError
+        See `inercal.segments.stillness.require_still`.
+    """
+    return require_still(recording, run.sensor, marks, run.data.accept_moving or ())
 
 
 def unsigned(column: str | int) -> str:
@@ -137,7 +151,7 @@ def columns(run: Run) -> Columns:
         channels=channels["f"] if apart else channels["f"] + channels["w"],
         second=channels["w"] if apart else (),
         time=None if data.time is None or data.kind == "means" else str(data.time),
-        time_unit=data.time_unit,
+        time_unit=data.time_unit if "time_unit" in data.model_fields_set else None,
         rate_hz=_column_rate(run),
         label=None if label is None else str(label),
         temperature=None if data.temperature is None else str(data.temperature),

@@ -25,6 +25,7 @@ from inercal.pipeline.inputs import (
     readback_units,
     require_own_columns,
     stated_sd,
+    still_but_accepted,
 )
 from inercal.plan import Index
 from inercal.recording import Finding, Mark, Observations, Recording
@@ -130,12 +131,18 @@ def _recording(run: Run) -> _Made:
     else:
         marks = as_read(marks_from_file(run.file(run.data.marks)), recording)
     check_marks(marks, recording, [mark.label for mark in marks])
+    if found and run.data.accept_moving is not None:
+        raise InputError(
+            f"{run.path}: [data] accept_moving goes with marks of your own: rests that are found "
+            "are still"
+        )
+    moving = () if found else still_but_accepted(run, recording, marks)
     angle = np.array([_angle(recording, mark, said["angle"]) for mark in marks])
     means = {name: _means(values, marks) for name, values in said.items()} | {"angle": angle}
     steps = _steps(None if found else [mark.label for mark in marks], means)
     marks = tuple(replace(m, label=step.label) for m, step in zip(marks, steps, strict=True))
-    observations = observe(recording, run.sensor, marks, steps, found=found)
-    return recording, marks, observations, steps, recording.findings
+    observations = observe(recording, run.sensor, marks, steps, found=True)
+    return recording, marks, observations, steps, (*recording.findings, *moving)
 
 
 def _means(values: Array, marks: Sequence[Mark]) -> Array:

@@ -36,6 +36,7 @@ _OWN: Mapping[str, tuple[type[Bench], ...]] = {  # keys of [data] that belong to
     "table": (Turntable,),
     "table_file": (Turntable,),
     "hold": (Turntable,),
+    "accept_moving": (Hand, DividingHead),
 }
 _TRIAD = ("x", "y", "z")
 

@@ -166,6 +166,11 @@ class DataSection(_Section):
     temperature: str | int | None = None
     temperature_unit: str = "°C"
     marks: str = Field("found", description="'found', 'labels', or a file of marks")
+    accept_moving: tuple[str, ...] | None = Field(
+        None,
+        description="marked sections that count as rests though their mean changes within them",
+        examples=[["p11"]],
+    )
     nonfinite: Literal["refuse", "drop"] = "refuse"
     sd: dict[Literal["accelerometer", "gyro"], str] = Field(
         default_factory=dict[Literal["accelerometer", "gyro"], str],
@@ -237,6 +242,8 @@ class DataSection(_Section):
     def _means_are_one_table(self) -> "DataSection":
         if self.kind == "means" and self.gyro_file is not None:
             raise ValueError("gyro_file goes with a recording; means of all axes are one table")
+        if self.kind == "means" and self.accept_moving is not None:
+            raise ValueError("accept_moving goes with a recording; leave it out")
         signed = [c for c in (*self.accelerometer, *self.gyro) if str(c).startswith("-")]
         if self.kind == "means" and signed:
             raise ValueError(

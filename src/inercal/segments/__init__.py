@@ -10,6 +10,7 @@ from inercal.segments.marks import check_marks, marks_from_labels
 from inercal.segments.passages import between_rests
 from inercal.segments.rests import FoundRests, find_rests
 from inercal.segments.stands import find_stands, left_out
+from inercal.segments.stillness import require_still
 from inercal.segments.table_steps import (
     Turned,
     find_holds,
@@ -39,6 +40,7 @@ __all__ = [
     "marks_from_labels",
     "numbered_holds",
     "observe",
+    "require_still",
     "scatter",
     "unflawed",
 ]

@@ -16,12 +16,12 @@ from inercal.plan import Rotation, Step, Turn
 from inercal.recording import Mark, Observations, Recording
 from inercal.segments.attitudes import FLAWS
 from inercal.segments.drift import drift_covariance
+from inercal.segments.stillness import require_still
 from inercal.segments.tremor import without_tremor
 from inercal.sensors import Sensor
 from inercal.uncertainty import BATCHES, pooled_mean_covariances
 
 Array = NDArray[np.float64]
-MOVING = 10.0  # times the usual scatter; noise differs less between positions, a move far more
 MIN_SAMPLES = 20  # fewer leave no batches to judge the noise by
 _FREEDOM = 114  # degrees of freedom behind the noise: those of six positions of 20 batches
 
@@ -48,7 +48,8 @@ def observe(
         The sensor trembles: the accelerometers' noise is judged along gravity
         (`inercal.segments.tremor`). Without a trial axis.
     found : bool
-        The marks were found by how the sections scatter, which is not judged once more.
+        The sections were judged to be at rest already: they were found by how they scatter, or
+        `require_still` has judged them.
 
     Raises
     ------
@@ -77,7 +78,7 @@ def observe(
         raise InputError(f"{recording.source}: no position at rest is marked")
     scatter = np.stack([section(step).std(axis=-2) for step in holds])
     if not found:
-        _refuse_moves(recording, [step.label for step in holds], scatter)
+        require_still(recording, sensor, [by_label[step.label] for step in holds])
     batches = max(4, min(BATCHES, -(-_FREEDOM // len(holds)) + 1))
     of_holds, dof = pooled_mean_covariances(map(section, holds), batches)
     samples = np.array([by_label[step.label].stop - by_label[step.label].start for step in used])
@@ -132,19 +133,6 @@ def coarse_steps(data: Array, columns: Sequence[int], sensor: Sensor, scatter: A
         if np.mean(scatter[..., k] ** 2) < (0.5 * step) ** 2:
             variance[k] = step**2 / 12
     return variance
-
-
-def _refuse_moves(recording: Recording, labels: Sequence[str], scatter: Array) -> None:
-    """Refuse a hold that scatters far more than the others: a move lies within its mark."""
-    usual = np.median(scatter, axis=0)
-    ratio = np.where(usual > 0, scatter / np.where(usual > 0, usual, 1.0), 0.0)
-    worst = ratio.reshape(len(labels), -1).max(axis=1)
-    if worst.max() > MOVING:
-        k = int(worst.argmax())
-        raise InputError(
-            f"{recording.source}: section {labels[k]} moves: it scatters {worst[k]:.0f} times as "
-            "much as the other positions; mark only the time at rest"
-        )
 
 
 def _refuse_flaws(recording: Recording, mark: Mark, step: Step, channels: Sequence[str]) -> None:

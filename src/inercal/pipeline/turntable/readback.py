@@ -87,7 +87,7 @@ def with_angles(run: Run, recording: Recording, bench: Turntable) -> Read:
             return Read(replace(recording, readback=counted), bench)
         said = _counted_on(recording.readback, bench, sizes)
         return Read(replace(recording, readback=said), bench)
-    table = _read(run)
+    table = _read(run, recording.origin)
     by_name = dict(zip(table.channels, table.data.T, strict=True))
     said = _counted_on(by_name, bench, sizes)
     angles = np.stack([said[name] for name in bench.names], axis=-1)
@@ -115,15 +115,20 @@ def with_angles(run: Run, recording: Recording, bench: Turntable) -> Read:
     return Read(whole, left, found)
 
 
-def _read(run: Run) -> Recording:
-    """Return the table's file: its axes as channels, in units of their columns."""
+def _read(run: Run, origin: int | None) -> Recording:
+    """Return the table's file: its axes as channels, in units of their columns.
+
+    Dates are counted from `origin`, ns since 1970, as those of the recording are.
+    """
     data = run.data
     assert data.table_file is not None
     si_value(f"1 {data.table_time_unit}", "s", f"{run.path}: [data] table_time_unit")
     columns = Columns(
         channels=of_readback(run),
         time=str(data.table_time),
-        time_unit=data.table_time_unit,
+        time_unit=data.table_time_unit if "table_time_unit" in data.model_fields_set else None,
+        time_keys=("table_time_unit", None),
+        origin=origin,
         nonfinite=data.nonfinite,
     )
     try:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from inercal.benches import Turntable
 from inercal.errors import InputError
-from inercal.methods.turntable.model import COARSE, GAP
+from inercal.methods.turntable.model import COARSE, GAP, LEAST_REST
 from inercal.methods.turntable_kalman import METHOD as KALMAN
 from inercal.pipeline.inputs import (
     HOLD,
@@ -157,7 +157,7 @@ def _require_whole_rest(run: Run, time: Array, angles: Array, holds: Indices) ->
     lasting = float(time[stop - 1] - time[0])
     gap = np.diff(time[stop - 1 : after + 1])
     moved = np.abs(angles[after] - angles[stop - 1]).max()
-    if lasting < COARSE and moved < _MOVED and gap.max(initial=0.0) > GAP:
+    if lasting < LEAST_REST and moved < _MOVED and gap.max(initial=0.0) > GAP:
         at = stop - 1 + int(np.argmax(gap))
         raise InputError(
             f"{run.path}: no sample for {gap.max():.3g} s after {time[at]:.6g} s, in the first "

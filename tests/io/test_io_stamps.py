@@ -1,0 +1,190 @@
+"""Times of samples: units that stamps betray, ISO 8601 text, and stamps that come in bursts."""
+
+from datetime import UTC, datetime, timedelta, timezone
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inercal.errors import InputError
+from inercal.io.audit import audit
+from inercal.io.read import Columns, read_recording
+from inercal.recording import Recording
+
+CHANNELS = (("x", "ax", "g"), ("y", "ay", "g"))
+N = 400
+
+
+def log(folder: Path, times: list[str], name: str = "time") -> Path:
+    """Write a log with these times beside two channels of noise."""
+    data = np.random.default_rng(1).normal(size=(len(times), 2))
+    rows = [f"{t},{x:.6f},{y:.6f}" for t, (x, y) in zip(times, data.tolist(), strict=True)]
+    path = folder / "run.csv"
+    path.write_text("\n".join([f"{name},ax,ay", *rows]) + "\n", encoding="utf-8")
+    return path
+
+
+def read(path: Path, unit: str | None = None, name: str = "time") -> Recording:
+    return read_recording(path, Columns(CHANNELS, time=name, time_unit=unit))
+
+
+def stamps(step: float, start: float = 0.0) -> list[str]:
+    return [f"{start + k * step:.9g}" for k in range(N)]
+
+
+@pytest.mark.parametrize(
+    ("step", "fitting"),
+    [
+        (10.0, 'time_unit = "ms" (100 Hz)'),
+        (10_000.0, 'time_unit = "us" (100 Hz)'),
+        (1e7, 'time_unit = "ns" (100 Hz)'),
+    ],
+)
+def test_stamps_that_make_less_than_one_sample_a_second_are_refused(
+    tmp_path: Path, step: float, fitting: str
+):
+    path = log(tmp_path, stamps(step))
+    for unit in (None, "s"):
+        with pytest.raises(InputError) as error:
+            read(path, unit)
+        assert fitting in str(error.value)
+    assert read(path, fitting.split('"')[1]).rate_hz == pytest.approx(100)
+
+
+def test_stamps_that_make_more_than_50_khz_are_refused(tmp_path: Path):
+    path = log(tmp_path, stamps(0.005))
+    with pytest.raises(InputError, match=r'2e\+05 samples per second.*time_unit = "s" \(200 Hz\)'):
+        read(path, "ms")
+    assert read(path).rate_hz == pytest.approx(200)
+
+
+@pytest.mark.parametrize("rate", [1.0, 10.0, 1000.0, 50e3])
+def test_rates_of_1_hz_to_50_khz_are_read(tmp_path: Path, rate: float):
+    assert read(log(tmp_path, stamps(1 / rate))).rate_hz == pytest.approx(rate)
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        ("time_ms", "ms"),
+        ("t [ms]", "ms"),
+        ("stamp.us", "us"),
+        ("time_µs", "us"),
+        ("TIMESTAMP_NS", "ns"),
+        ("uptime(msec)", "ms"),
+    ],
+)
+def test_a_column_named_by_another_unit_needs_a_stated_one(tmp_path: Path, name: str, unit: str):
+    # At 0.01 between rows the rate would be plausible in s.
+    path = log(tmp_path, stamps(0.01), name)
+    with pytest.raises(InputError, match=f'time_unit = "{unit}"'):
+        read(path, name=name)
+    assert read(path, "s", name).rate_hz == pytest.approx(100)
+
+
+@pytest.mark.parametrize("name", ["time", "items", "columns", "t_s", "bonus", "ms_time"])
+def test_other_names_of_columns_say_nothing_of_units(tmp_path: Path, name: str):
+    assert read(log(tmp_path, stamps(0.01), name), name=name).rate_hz == pytest.approx(100)
+
+
+@pytest.mark.parametrize(("start", "unit"), [(1.795e12, "ms"), (1.795e15, "us"), (1.795e18, "ns")])
+def test_stamps_since_1970_name_their_unit(tmp_path: Path, start: float, unit: str):
+    step = {"ms": 10, "us": 10_000, "ns": 10**7}[unit]
+    times = [str(int(start) + k * step) for k in range(N)]
+    path = log(tmp_path, times)
+    with pytest.raises(InputError, match=f'{unit} since 1970.*time_unit = "{unit}"'):
+        read(path)
+    assert read(path, unit).rate_hz == pytest.approx(100, rel=1e-4)
+
+
+def test_seconds_since_1970_are_seconds(tmp_path: Path):
+    times = [f"{1_795_000_000 + k / 100:.3f}" for k in range(N)]
+    path = log(tmp_path, times)
+    assert read(path).rate_hz == pytest.approx(100, rel=1e-3)
+    with pytest.raises(InputError, match=r'time_unit = "s" \(100 Hz\)'):
+        read(path, "ms")
+
+
+def iso(k: int, zone: timezone = UTC, fraction: str = "microseconds") -> str:
+    at = datetime(2026, 11, 23, 23, 59, 58, tzinfo=zone) + timedelta(milliseconds=10 * k)
+    return at.isoformat(timespec=fraction)
+
+
+def test_iso_8601_times_are_seconds_from_the_first(tmp_path: Path):
+    expected = np.arange(N) / 100  # across midnight
+    east = timezone(timedelta(hours=5, minutes=30))
+    for times in (
+        [iso(k) for k in range(N)],
+        [iso(k).replace("+00:00", "Z") for k in range(N)],
+        [iso(k, fraction="milliseconds").replace("T", " ")[:-6] for k in range(N)],
+        [iso(k).replace("-", "", 2).replace(":", "", 2) for k in range(N)],
+        [iso(k).replace("000+00:00", "000000Z") for k in range(N)],
+    ):
+        np.testing.assert_allclose(read(log(tmp_path, times)).time, expected, atol=1e-12)
+    mixed = [
+        datetime.fromisoformat(iso(k)).astimezone(east if k % 2 else UTC).isoformat()
+        for k in range(N)
+    ]
+    np.testing.assert_allclose(read(log(tmp_path, mixed)).time, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("bad", "said"),
+    [
+        ("2026-13-23T03:10:09Z", "is no time"),
+        ("2026-11-23T03:10:61Z", "seconds run from 0 to 59"),
+        ("2026-11-23T03:10:09.123", "no time zone"),
+        ("yesterday", "no ISO 8601 time"),
+        ("", "no ISO 8601 time"),
+    ],
+)
+def test_a_bad_iso_8601_time_is_refused_with_its_line(tmp_path: Path, bad: str, said: str):
+    times = [iso(k) for k in range(N)]
+    times[70] = bad
+    with pytest.raises(InputError, match=f"run.csv line 72, column 'time'.*{said}"):
+        read(log(tmp_path, times))
+
+
+def test_iso_8601_times_take_no_unit(tmp_path: Path):
+    with pytest.raises(InputError, match="leave time_unit out"):
+        read(log(tmp_path, [iso(k) for k in range(N)]), "s")
+
+
+def test_dates_of_two_files_of_one_recording_are_compared(tmp_path: Path):
+    (tmp_path / "b").mkdir()
+    first = log(tmp_path, [iso(k) for k in range(N)])
+    columns = Columns(CHANNELS, time="time", second=(("p", "ax", "g"), ("q", "ay", "g")))
+    same = log(tmp_path / "b", [iso(k) for k in range(N)])
+    assert read_recording(first, columns, second=same).time[-1] == pytest.approx((N - 1) / 100)
+    later = log(tmp_path / "b", [iso(k + 100) for k in range(N)])
+    with pytest.raises(InputError, match="have the same times"):
+        read_recording(first, columns, second=later)
+
+
+def bursts(n: int, size: int, rng: np.random.Generator, inside: float = 0.002) -> np.ndarray:
+    """Return arrival times of samples at 100 Hz that are sent so many at a time."""
+    sent = (np.arange(n) // size + 1) * size / 100
+    late = np.repeat(rng.exponential(0.001, -(-n // size)), size)[:n]
+    return sent + late + (np.arange(n) % size) * inside
+
+
+def recording(time: np.ndarray) -> Recording:
+    data = np.random.default_rng(2).normal(size=(time.size, 2))
+    return Recording(time, data, ("x", "y"), ("g", "g"), source="run.csv")
+
+
+@pytest.mark.parametrize("size", [3, 5, 10])
+@pytest.mark.parametrize("pause", [0.0, 20.0])
+def test_bursts_are_called_bursts_with_the_mean_rate(size: int, pause: float):
+    time = bursts(20_000, size, np.random.default_rng(size))
+    time[10_000 - 10_000 % size :] += pause
+    found = audit(recording(time)).findings
+    assert [(f.severity, f.what) for f in found] == [("refused", "bursts")]
+    assert 'rate = "100 Hz"' in found[0].message
+
+
+@pytest.mark.parametrize("kept", [0.95, 0.8, 0.65, 0.5, 0.3])
+def test_lost_samples_are_no_bursts(kept: float):
+    rng = np.random.default_rng(4)
+    time = np.flatnonzero(rng.random(20_000) < kept) / 100
+    assert "bursts" not in {f.what for f in audit(recording(time)).findings}
