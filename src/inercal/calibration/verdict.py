@@ -24,6 +24,7 @@ from inercal.units import digits, readable
 
 _LEAST = 1e-99  # smallest probability that is printed
 _SHOWN = {"rad": "″", "m/s²": "µg", "rad/s": "°/h", "m": "mm", "s": "ms", "1": "ppm"}
+_PER_CENT = 0.01  # above, a ratio is shown in %
 _LISTED = 6  # candidates that a line lists
 NOTHING: Mapping[str, Parameter] = MappingProxyType({})
 
@@ -227,6 +228,8 @@ def _shown(value: float, sd: float, unit: str) -> str:
     if not np.isfinite(value):
         return "an unknown amount"
     unit = _SHOWN.get(unit, unit)
+    if unit == "ppm" and abs(value) > _PER_CENT:
+        unit = "%"
     if unit.startswith("("):
         return f"{value:.2g} {unit}" if sd == 0 else f"{value:.2g} ± {sd:.2g} {unit}"
     return readable(value, sd, unit)

@@ -37,6 +37,7 @@ LEVEL = 0.01  # of all tests of one estimate together
 ALIKE = np.cos(np.pi / 6)  # 30°: closer candidates cannot be told apart
 _ROUNDING = 1e-12  # of a product of columns of length 1, over a hundred thousand rows
 _MANY = 5000  # rows, beyond which fewer dimensions stand for them
+_VISIBLE = 3.0  # η at the largest plausible size; below, a candidate is not scored
 _SEEN = 1e-6  # least share of a candidate's column that the fit leaves to the residuals
 
 
@@ -74,6 +75,9 @@ class Candidate:
     moved : (q, k) array, optional
         By how much one unit of each component that is left out moves the estimate of each
         parameter, where no Jacobian says so: a filter's.
+    largest : (k,) array, optional
+        The largest plausible size of each component. A direction whose η at that size is below 3
+        is not scored: what little the residuals show of it says nothing of its cause.
     """
 
     name: str
@@ -82,6 +86,7 @@ class Candidate:
     units: tuple[str, ...]
     rows: Array
     moved: Array | None = None
+    largest: Array | None = None
 
     def of_nonzero(self) -> "Candidate":
         """Return the candidate without the components that act on no observation."""
@@ -91,6 +96,8 @@ class Candidate:
             components=tuple(self.components[k] for k in acting),
             units=tuple(self.units[k] for k in acting),
             rows=self.rows[:, acting],
+            moved=None if self.moved is None else self.moved[:, acting],
+            largest=None if self.largest is None else self.largest[acting],
         )
 
 
@@ -194,31 +201,32 @@ def scored(
     """
     if len(residual) > _MANY:
         residual, jacobian, candidates = _rotated(residual, jacobian, candidates)
-    length = np.linalg.norm(jacobian, axis=0)
-    length = np.where(length > 0, length, 1.0)
-    q, triangle = np.linalg.qr(jacobian / length)
-    back = np.linalg.pinv(triangle) / length[:, None]
+    size_of = np.linalg.norm(jacobian, axis=0)
+    size_of = np.where(size_of > 0, size_of, 1.0)
+    q, triangle = np.linalg.qr(jacobian / size_of)
+    back = np.linalg.pinv(triangle) / size_of[:, None]
     made: list[Score] = []
     spanned: list[Array] = []
     for one in candidates:
-        whole = np.linalg.norm(one.rows, axis=0)
-        whole = np.where(whole > 0, whole, 1.0)
-        columns = one.rows / whole
+        length = np.linalg.norm(one.rows, axis=0)
+        unit = 1 / np.where(length > 0, length, 1.0) if one.largest is None else one.largest
+        columns = one.rows * unit
         taken = q.T @ columns
         left = columns - q @ taken
         left -= q @ (q.T @ left)  # once more: what is left may be a millionth of the column
         u, s, v = np.linalg.svd(left, full_matrices=False)
-        shown = s > _SEEN
+        least = _SEEN * np.max(length * unit, initial=0.0)
+        shown = s > (least if one.largest is None else max(least, _VISIBLE))
         k = int(shown.sum())
         u, s, v = u[:, :k], s[:k], v[:k]
         t = u.T @ residual
         size, sd = v.T @ (t / s), np.sqrt(np.sum((v.T / s) ** 2, axis=1))
         if one.moved is not None:
-            shift = one.moved @ (size / whole)
+            shift = one.moved @ (size * unit)
         else:
             shift = back @ (taken @ size)
             shift = shift if to is None else to @ shift
-        open_ = np.linalg.norm(v, axis=0) < 1 - 1e-6 if k else np.ones(len(whole), dtype=bool)
+        open_ = np.linalg.norm(v, axis=0) < 1 - 1e-6 if k else np.ones(len(unit), dtype=bool)
         spanned.append(u)
         made.append(
             Score(
@@ -226,8 +234,8 @@ def scored(
                 one.kind,
                 one.components,
                 one.units,
-                np.where(open_, np.nan, size / whole),
-                np.where(open_, np.nan, sd / whole),
+                np.where(open_, np.nan, size * unit),
+                np.where(open_, np.nan, sd * unit),
                 float(t @ t),
                 k,
                 shift,

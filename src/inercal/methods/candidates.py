@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from inercal.estimate import Candidate, Problem
 from inercal.parameters import Parameter
-from inercal.sensors import SI_UNITS, Sensor
+from inercal.sensors import G0, SI_UNITS, Sensor
 
 Array = NDArray[np.float64]
 
@@ -30,6 +30,9 @@ _LEFT_OUT = ("temperature",)
 # SI per SI unit: whole turns leave this little of what they take out.
 _ROUNDED = 1e-12
 _COMPONENTS = ("x", "y", "z", "1", "2")
+# Plausible at most: a coefficient or a bench parameter of a tenth of its natural size.
+_LARGEST = 0.1
+_NATURAL = {"m/s²": G0, "(m/s²)⁻¹": 1 / G0}
 _SI = {"f": "m/s²", "w": "rad/s"}
 
 
@@ -139,6 +142,7 @@ def _of_sensor(
             members,
             tuple(SI_UNITS[larger.coefficient(full).unit] for full in members),
             np.stack([column[full] for full in members], axis=-1),
+            largest=_LARGEST * np.array([larger.coefficient(full).natural for full in members]),
         )
         for name, members in (*together, *alone)
     ]
@@ -171,9 +175,16 @@ def of_bench(
             tuple(members),
             tuple(declared[name].unit for name in members),
             np.stack([column[name] for name in members], axis=-1),
+            largest=np.array([_largest(declared[name]) for name in members]),
         )
         for kind, members in kinds.items()
     ]
+
+
+def _largest(parameter: Parameter) -> float:
+    """Return the largest plausible departure of a bench's parameter from what was stated, SI."""
+    natural = max(abs(parameter.value), _NATURAL.get(parameter.unit, 1.0))
+    return max(_LARGEST * natural, 10 * parameter.sd)
 
 
 def _acts(column: Array) -> bool:
