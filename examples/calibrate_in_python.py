@@ -9,7 +9,8 @@ from inercal.units import readable
 
 run_file = Path(__file__).parent / "six_position" / "run.toml"
 outcome = inercal.calibrate(run_file)
-for line in outcome.verdict:
+print(outcome.verdict.word)
+for line in outcome.verdict.lines:
     print(line)
 
 calibration = outcome.calibration

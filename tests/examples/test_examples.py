@@ -210,3 +210,20 @@ def test_the_centrifuge_guide_prints_what_its_example_prints():
     )
     guide = (ROOT / "docs" / "how-to" / "centrifuge.md").read_text(encoding="utf-8")
     assert f"```text\n{done.stdout}```" in guide
+
+
+def test_a_coefficient_left_out_is_the_suspect_and_estimated_the_data_agree(examples: Path):
+    run_file = examples / "verdict" / "left_out.toml"
+    verdict = calibrate(run_file).verdict
+    assert verdict.grade == "unreliable"
+    assert verdict.suspect is not None
+    assert verdict.suspect.name == "a.k2"
+    assert "harmonic 1" in verdict.suspect.alike
+    estimated = examples / "verdict" / "estimated.toml"
+    text = run_file.read_text(encoding="utf-8")
+    estimated.write_text(f'{text}also = ["a.k2"]\n', encoding="utf-8")
+    outcome = calibrate(estimated)
+    assert outcome.verdict.grade == "consistent"
+    # The size that the suspect was given is that which comes out.
+    (size,), (sd,) = verdict.suspect.sizes, verdict.suspect.sds
+    assert abs(outcome.calibration.value("a.k2") - size) < sd

@@ -15,7 +15,7 @@ from inercal.calibration.grade import (
     verdict_of,
 )
 from inercal.estimate import Estimate
-from inercal.estimate.scores import LEVEL
+from inercal.estimate.scores import LEVEL, Kind
 from inercal.parameters import Parameter
 from inercal.recording import Finding
 from inercal.sensors import Sensor
@@ -211,16 +211,34 @@ def _suspect(
 
 def _coefficient(one: Suspect, sensor: Sensor) -> str:
     """Return the suspected coefficients with their sizes, in the units of reports."""
-    parts: list[str] = []
-    meaning = ""
-    for name, size, sd in zip(one.components, one.sizes, one.sds, strict=True):
-        line = _line(sensor, name)
-        meaning = line.meaning
-        if np.isfinite(size):
-            value, spread = digits(size / line.si, sd / line.si)
-            parts.append(f"{name} {value} ± {spread} {line.unit}")
+    meaning = _line(sensor, one.components[0]).meaning
+    parts = [
+        f"{name} {in_words(sensor, one.kind, name, size, sd, unit)}"
+        for name, size, sd, unit in zip(one.components, one.sizes, one.sds, one.units, strict=True)
+        if np.isfinite(size)
+    ]
     sizes = f", about {', '.join(parts)} (k = 1)" if parts else ""
     return f"suspect: {one.name} ({meaning}), which is not estimated{sizes}"
+
+
+def in_words(sensor: Sensor, kind: Kind, name: str, size: float, sd: float, unit: str) -> str:
+    """Return the size of a candidate's component with its deviation, in the units of reports.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    kind, name : str
+        Of the candidate, and of the component.
+    size, sd : float
+        SI.
+    unit : str
+        SI.
+    """
+    if kind != "coefficient" or not np.isfinite(size):
+        return _shown(size, sd, unit)
+    line = _line(sensor, name)
+    value, spread = digits(size / line.si, sd / line.si)
+    return f"{value} ± {spread} {line.unit}"
 
 
 def _shown(value: float, sd: float, unit: str) -> str:
@@ -297,4 +315,4 @@ def _leading(estimate: Estimate, sensor: Sensor) -> list[str]:
     return ["expanded uncertainties (k = 2) are at most: " + ", ".join(parts)]
 
 
-__all__ = ["COVERAGE", "NOTHING", "chance", "verdict"]
+__all__ = ["COVERAGE", "NOTHING", "chance", "in_words", "verdict"]

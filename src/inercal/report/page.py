@@ -16,6 +16,7 @@ from inercal.pipeline import Outcome
 from inercal.plan import Hold, Index, Position, Rotation, Spin, Step, Turn
 from inercal.report import courses, tables
 from inercal.report import head as on_head
+from inercal.report import tests as judged
 from inercal.report.figures import correlations, departures, residuals
 from inercal.report.history import history
 from inercal.report.speeds import speeds
@@ -78,6 +79,9 @@ def page(
         ".calibration.json",
         run_file=calibration.provenance.get("run file", "run.toml"),
         residuals=_residuals(outcome),
+        tests=judged.tests(outcome),
+        candidates=judged.candidates(outcome),
+        counted=judged.counted(outcome),
         whole=is_whole(outcome),
         on_table=isinstance(bench, Turntable),
         indexed=isinstance(bench, DividingHead),
