@@ -1,5 +1,6 @@
 """The tables of the report as text, rounded to what the uncertainties allow."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import pi
@@ -24,6 +25,7 @@ _SHOWN = {  # unit of a parameter of the bench: as printed, its SI size
     "s": ("ms", 1e-3),
 }
 _FINE = {"rad": ("″", pi / 648_000), "m/s²": ("µg", 1e-6 * G0)}
+_SIGN = re.compile(r"(?<![^\s(\[e=,;:|])-(?=[\d.])")
 _SMALL = 1e-3  # rad or m/s²
 _STRONG = 0.5  # correlations from here on are named
 _PAIRS = 8
@@ -63,8 +65,8 @@ class Grid:
 
 
 def minus(text: str) -> str:
-    """Return text with true minus signs."""
-    return text.replace("-", "−")
+    """Return text with true minus signs before numbers; hyphens within words stay."""
+    return _SIGN.sub("−", text)
 
 
 def coefficients(outcome: Outcome, truth: Mapping[str, float] | None) -> list[Group]:
