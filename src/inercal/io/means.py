@@ -21,6 +21,7 @@ from inercal.recording import Observations
 from inercal.sensors import Sensor
 
 Array = NDArray[np.float64]
+_ROWS = 4  # fewer may well agree to the last digit
 SD = "_sd"  # behind the name of a column: its standard deviation
 
 
@@ -105,7 +106,8 @@ def means_of(
     Raises
     ------
     InputError
-        A value is not finite, a label returns, or no deviation is stated.
+        A value is not finite, a label returns, a column is the same in all rows, or no deviation
+        is stated.
     """
     twice = sorted({label for label in labels if labels.count(label) > 1})
     if twice:
@@ -114,6 +116,7 @@ def means_of(
     output = np.empty((len(labels), len(sensor.axes)))
     for k, axis in enumerate(sensor.axes):
         output[:, k] = numbers_of(path, table, by_axis[axis.name], "give the mean")
+    _refuse_dead(path, output, sensor, by_axis)
     if not (np.isfinite(durations) & (durations > 0)).all():
         raise InputError(f"{path}: durations must be positive numbers of s")
     deviation = _deviations(path, table, by_axis, sensor, sd)
@@ -126,6 +129,20 @@ def means_of(
         time=np.arange(len(labels), dtype=float),
         channels=sensor.channels,
     )
+
+
+def _refuse_dead(path: Path, output: Array, sensor: Sensor, by_axis: Mapping[str, str]) -> None:
+    """Refuse a column that is the same in all rows while its like change."""
+    if len(output) < _ROWS:
+        return
+    constant = (output == output[0]).all(axis=0)
+    for k, axis in enumerate(sensor.axes):
+        like = [j for j, other in enumerate(sensor.axes) if other.measures == axis.measures]
+        if constant[k] and not constant[like].all():
+            raise InputError(
+                f"{path}: column {by_axis[axis.name]!r} is {output[0, k]:.6g} in all rows while "
+                "others change: was the axis connected, and is it this column?"
+            )
 
 
 def numbers_of(path: Path, table: Table, name: str, remedy: str) -> Array:

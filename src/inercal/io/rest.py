@@ -13,16 +13,48 @@ _QUIETEST = 0.1  # of all windows
 _POSSIBLE = (0.5, 2.0)  # of gravity; beyond it, no sensor's error but a unit
 _USUAL = (0.9, 1.1)
 
-# Norm at rest over gravity, and the confusion that gives it.
+# Norm over what it should be, the unit that the columns look like, and the one that is stated.
 _CONFUSIONS = {
-    1 / G0: "the columns look like g declared as m/s²",
-    G0: "the columns look like m/s² declared as g",
-    1000.0: "the columns look like mg declared as g",
-    1 / 1000: "the columns look like g declared as mg",
-    1000 / G0: "the columns look like mg declared as m/s²",
-    G0 / 1000: "the columns look like m/s² declared as mg",
+    1 / G0: ("g", "m/s²"),
+    G0: ("m/s²", "g"),
+    1000.0: ("mg", "g"),
+    1 / 1000: ("g", "mg"),
+    1000 / G0: ("mg", "m/s²"),
+    G0 / 1000: ("m/s²", "mg"),
 }
 _NEAR = 1.25  # ratio within which a confusion is recognised; far less than they are apart
+
+
+def norm_finding(norm: float, expected: float, text: str) -> Finding | None:
+    """Return what is odd with the norm of accelerometers that should read a known one.
+
+    Parameters
+    ----------
+    norm, expected : float
+        m/s².
+    text : str
+        What the message begins with: both in words.
+
+    Returns
+    -------
+    Finding or None
+        Refused below half and above twice what is expected, where it names the likely confusion of
+        units; a warning beyond 10 %.
+    """
+    ratio = norm / expected
+    if _USUAL[0] <= ratio <= _USUAL[1]:
+        return None
+    if _POSSIBLE[0] <= ratio <= _POSSIBLE[1]:
+        return Finding("warning", "units", f"{text}: is the nominal scale right?")
+    near = (units for r, units in _CONFUSIONS.items() if 1 / _NEAR < ratio / r < _NEAR)
+    if (units := next(near, None)) is None:
+        advice = "check the units and the nominal scale of the columns in [sensor.accelerometer]"
+    else:
+        advice = (
+            f"the columns look like {units[0]} declared as {units[1]}: in [sensor.accelerometer] "
+            f'state unit = "{units[0]}", or a scale per {units[0]}'
+        )
+    return Finding("refused", "units", f"{text}: {advice}")
 
 
 def audit_rest_norm(recording: Recording, sensor: Sensor, gravity: float) -> Recording:
@@ -37,18 +69,34 @@ def audit_rest_norm(recording: Recording, sensor: Sensor, gravity: float) -> Rec
     gravity : float
         Local gravity, m/s².
     """
-    at_rest = _norm_at_rest(recording, sensor.only("f"))
-    ratio = at_rest / gravity
-    if _USUAL[0] <= ratio <= _USUAL[1]:
+    norm = _norm_at_rest(recording, sensor.only("f"))
+    finding = norm_finding(norm, gravity, _at_rest(norm, gravity))
+    if finding is None:
         return recording
-    text = f"specific force at rest is {at_rest:.4g} m/s² where gravity is {gravity:.5g} m/s²"
-    if _POSSIBLE[0] <= ratio <= _POSSIBLE[1]:
-        finding = Finding("warning", "units", f"{text}: is the nominal scale right?")
-    else:
-        near = (words for r, words in _CONFUSIONS.items() if 1 / _NEAR < ratio / r < _NEAR)
-        words = next(near, "check the units and the nominal scale of the columns")
-        finding = Finding("refused", "units", f"{text}: {words}")
     return replace(recording, findings=(*recording.findings, finding))
+
+
+def means_at_rest(means: Array, sensor: Sensor, gravity: float) -> Finding | None:
+    """Return what is odd with the norm of means at rest, as `norm_finding` does.
+
+    Parameters
+    ----------
+    means : (r, m) array
+        Of rows at rest in any attitude, SI by the nominal readout.
+    sensor : Sensor
+        Of which the accelerometers, a triad, are looked at.
+    gravity : float
+        Local gravity, m/s².
+    """
+    columns = [k for k, axis in enumerate(sensor.axes) if axis.measures == "f"]
+    if not len(means) or not columns:
+        return None
+    norm = float(np.median(np.linalg.norm(means[:, columns], axis=-1)))
+    return norm_finding(norm, gravity, _at_rest(norm, gravity))
+
+
+def _at_rest(norm: float, gravity: float) -> str:
+    return f"specific force at rest is {norm:.4g} m/s² where gravity is {gravity:.5g} m/s²"
 
 
 def _norm_at_rest(recording: Recording, accelerometers: Sensor) -> float:

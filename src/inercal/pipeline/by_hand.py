@@ -6,8 +6,10 @@ from inercal.benches import Hand
 from inercal.errors import InputError
 from inercal.io.marks import as_read, marks_from_file
 from inercal.io.means import read_means
+from inercal.io.rest import means_at_rest
 from inercal.pipeline.inputs import (
     Gathered,
+    accepted,
     columns,
     load_recording,
     stated_sd,
@@ -58,6 +60,11 @@ def gather(run: Run, bench: Hand) -> Gathered:
         plan = steps = held(observations, sensor)
     else:
         plan, steps = nominal(run), _planned(run, observations)
+    if recording is None:
+        at_rest = [isinstance(step, Hold) for step in steps]
+        odd = means_at_rest(observations.mean[at_rest], sensor, bench.gravity.value)
+        findings += accepted(run.data.file, odd)
+    if not run.method.free:
         findings += check_against_plan(observations, sensor, steps, bench.gravity.value)
     conditions = _conditions(run, bench)
     return Gathered(recording, marks, observations, plan, steps, findings, conditions, rests)

@@ -75,6 +75,21 @@ def load_recording(run: Run) -> Recording:
     return accept(audit_rest_norm(recording, run.sensor, run.bench.gravity.value))
 
 
+def accepted(source: str, finding: Finding | None) -> tuple[Finding, ...]:
+    """Return a finding, if any, to go with others.
+
+    Raises
+    ------
+    InputError
+        It refuses the data.
+    """
+    if finding is None:
+        return ()
+    if finding.severity == "refused":
+        raise InputError(f"{source}: {finding.message}")
+    return (finding,)
+
+
 def still_but_accepted(
     run: Run, recording: Recording, marks: Sequence[Mark]
 ) -> tuple[Finding, ...]:

@@ -8,9 +8,11 @@ import numpy as np
 from inercal.benches import Centrifuge
 from inercal.errors import InputError, NotObserved
 from inercal.io.means import means_of, read_columns
+from inercal.io.rest import norm_finding
 from inercal.methods.centrifuge_norm.screening import screen
 from inercal.pipeline.inputs import (
     Gathered,
+    accepted,
     columns,
     load_recording,
     plain,
@@ -56,7 +58,27 @@ def gather(run: Run, bench: Centrifuge) -> Gathered:
             f"{run.path}: [bench] indexing: on a counter-rotating platform norms alone are used; "
             "leave it out"
         )
-    return _table(run, bench) if run.data.kind == "means" else _recording(run, bench)
+    made = _table(run, bench) if run.data.kind == "means" else _recording(run, bench)
+    odd = _odd_norm(run, bench, made)
+    return replace(made, findings=made.findings + accepted(run.data.file, odd))
+
+
+def _odd_norm(run: Run, bench: Centrifuge, made: Gathered) -> Finding | None:
+    """Return what is odd with the readings' norms against those of radius, rate and gravity."""
+    rates = np.array([step.rate for step in made.steps if isinstance(step, Spin)])
+    if not rates.size or bench.platform != "locked":
+        return None  # what turns with a counter-rotating platform leaves no mean
+    expected = np.hypot(bench.gravity.value, rates**2 * bench.radius.value)
+    norms = np.linalg.norm(made.observations.mean[:, : len(run.sensor.only("f").axes)], axis=-1)
+    k = int(np.argsort(norms / expected)[rates.size // 2])
+    norm, there = float(norms[k]), float(expected[k])
+    text = (
+        f"{made.observations.labels[k]}: the readings' norm is {norm:.4g} m/s² where gravity, "
+        f"[bench] radius and the rate make {there:.4g} m/s²"
+    )
+    finding = norm_finding(norm, there, text)
+    # Less than twice off, the method itself judges radius and scale.
+    return finding if finding is not None and finding.severity == "refused" else None
 
 
 def _table(run: Run, bench: Centrifuge) -> Gathered:
