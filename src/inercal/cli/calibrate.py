@@ -30,7 +30,7 @@ def run(
     from contextlib import nullcontext
 
     from inercal.calibration.files import as_object, save
-    from inercal.cli.show import as_json, as_table, leave, told, working
+    from inercal.cli.show import as_json, as_table, drawn_if_refused, leave, told, working
     from inercal.errors import InputError
     from inercal.io.atomic import written_together
     from inercal.pipeline import calibrate
@@ -44,7 +44,8 @@ def run(
     opened = nullcontext() if register is None else _opened(register)
     doing = f"calibrating {plan.sensor.name} from {plan.data.file}"
     with opened as kept, working(doing) as say:
-        outcome = calibrate(plan, lambda generation: say(f"{doing}: {told(generation)}"))
+        with drawn_if_refused(plan, out / f"{run_file.stem}.refused.html" if with_report else None):
+            outcome = calibrate(plan, lambda generation: say(f"{doing}: {told(generation)}"))
         names = {"calibration_file": "calibration.json", "report": "report.html"}
         names |= {"states": "states.csv"} if has_states(plan, outcome) else {}
         if not with_report:

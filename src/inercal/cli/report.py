@@ -20,7 +20,7 @@ def run(
     The exit status is 0, or 3 where the page is written but the result is not to be relied on.
     """
     from inercal.calibration.grade import as_object
-    from inercal.cli.show import as_json, leave, told, working
+    from inercal.cli.show import as_json, drawn_if_refused, leave, told, working
     from inercal.pipeline import calibrate
     from inercal.report import write_report
     from inercal.runfile import read
@@ -28,7 +28,8 @@ def run(
     plan = read(run_file)
     page = out or Path(f"{run_file.stem}.report.html")
     with working(f"writing {page}") as say:
-        outcome = calibrate(plan, lambda generation: say(f"writing {page}: {told(generation)}"))
+        with drawn_if_refused(plan, page.with_name(f"{run_file.stem}.refused.html")):
+            outcome = calibrate(plan, lambda generation: say(f"writing {page}: {told(generation)}"))
         write_report(outcome, page, plan.truth or None)
     if json:
         lines = {"lines": list(outcome.verdict.lines)}

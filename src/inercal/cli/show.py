@@ -7,8 +7,11 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from inercal.methods.ship_multi_angle.evolution import Generation
     from inercal.pipeline import Outcome
+    from inercal.runfile import Run
 
 
 _COLOURS = {"good": "green", "care": "yellow", "bad": "red"}
@@ -21,6 +24,41 @@ def working(what: str) -> Generator[Callable[[str], None]]:
 
     with Console(stderr=True).status(what) as status:
         yield status.update
+
+
+@contextmanager
+def drawn_if_refused(run: "Run", page: "Path | None") -> Generator[None]:
+    """Draw what was found in a recording that is refused, and name the page in the message.
+
+    Parameters
+    ----------
+    run : Run
+    page : Path or None
+        To write; None where none is wanted.
+    """
+    from inercal.errors import InercalError
+
+    try:
+        yield
+    except InercalError as error:
+        if page is not None and _drawn(run, str(error), page):
+            error.args = (f"{error} (rests and thresholds are drawn in {page})", *error.args[1:])
+        raise
+
+
+def _drawn(run: "Run", message: str, page: "Path") -> bool:
+    """Write the page of a refusal; return whether there was something to draw."""
+    from inercal.errors import InputError
+    from inercal.pipeline.refused import seen
+    from inercal.report import write_refusal
+
+    if (found := seen(run)) is None:
+        return False
+    try:
+        write_refusal(found, run.sensor, message, page)
+    except InputError:
+        return False  # the message says what matters
+    return True
 
 
 def told(generation: "Generation") -> str:

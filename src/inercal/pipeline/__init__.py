@@ -116,9 +116,9 @@ def calibrate(
     try:
         estimate = run.solver(after)(observations, sensor, bench, gathered.plan, run.priors)
     except NotObserved as error:
-        raise NotObserved(f"{run.path}: {error}", error.directions) from None
+        raise NotObserved(f"{run.path}: {error}{_found(gathered)}", error.directions) from None
     except InputError as error:
-        raise InputError(f"{run.path}: {error}") from None
+        raise InputError(f"{run.path}: {error}{_found(gathered)}") from None
     if isinstance(bench, Centrifuge) and not (estimate.dof and estimate.consistent):
         findings += on_arm.screened(run, bench, gathered)
     if not np.all(estimate.converged):
@@ -182,6 +182,14 @@ def calibrate(
         gathered.rests,
         run.search and History(run.search.goal, tuple(generations)),
     )
+
+
+def _found(gathered: Gathered) -> str:
+    """Return what was found of the rests, for a refusal that they may be the cause of."""
+    said = [finding.message for finding in gathered.findings if finding.what == "missing"]
+    if gathered.rests is not None:
+        said.append(gathered.rests.finding.message)
+    return "".join(f"; {text}" for text in said)
 
 
 def _row_word(bench: Bench) -> str:

@@ -25,8 +25,8 @@ from inercal.segments import (
     check_against_plan,
     check_marks,
     check_turn_ends,
-    find_marks,
     find_rests,
+    find_sections,
     held,
     marks_from_labels,
     observe,
@@ -98,16 +98,23 @@ def _planned_sections(
 ) -> tuple[tuple[Mark, ...], Observations, tuple[Finding, ...]]:
     """Return the sections of the plan's steps: marks, means, what was noticed."""
     steps = nominal(run)
+    labels, missing = [step.label for step in steps], tuple[Finding, ...]()
     if run.data.marks == "found":
-        marks = find_marks(recording, run.sensor, steps)
+        found = find_sections(recording, run.sensor, steps)
+        marks, missing = found.marks, found.findings
+        if not marks:
+            raise InputError(
+                f"{recording.source}: no rest fits a position of the plan, {', '.join(labels)}: "
+                f"{found.words}"
+            )
     else:
         marks = _stated_marks(run, recording)
-    check_marks(marks, recording, [step.label for step in steps])
+    check_marks(marks, recording, labels)
     holds = {step.label for step in steps if isinstance(step, Hold)}
     moving = still_but_accepted(run, recording, [mark for mark in marks if mark.label in holds])
     observations = observe(recording, run.sensor, marks, steps, found=True)
     findings = check_turn_ends(recording, run.sensor, marks, steps)
-    return marks, observations, recording.findings + moving + findings
+    return marks, observations, recording.findings + missing + moving + findings
 
 
 def _planned(run: Run, observations: Observations) -> tuple[HandStep, ...]:

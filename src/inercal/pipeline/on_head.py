@@ -131,13 +131,13 @@ def _recording(run: Run) -> _Made:
     else:
         marks = as_read(marks_from_file(run.file(run.data.marks)), recording)
     check_marks(marks, recording, [mark.label for mark in marks])
+    angle = np.array([_angle(recording, mark, said["angle"]) for mark in marks])
     if found and run.data.accept_moving is not None:
         raise InputError(
             f"{run.path}: [data] accept_moving goes with marks of your own: rests that are found "
             "are still"
         )
     moving = () if found else still_but_accepted(run, recording, marks)
-    angle = np.array([_angle(recording, mark, said["angle"]) for mark in marks])
     means = {name: _means(values, marks) for name, values in said.items()} | {"angle": angle}
     steps = _steps(None if found else [mark.label for mark in marks], means)
     marks = tuple(replace(m, label=step.label) for m, step in zip(marks, steps, strict=True))

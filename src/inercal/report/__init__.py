@@ -13,6 +13,8 @@ from inercal.design.on_head import Worksheet
 from inercal.errors import InputError
 from inercal.io.atomic import atomic_write
 from inercal.pipeline import Outcome
+from inercal.pipeline.refused import Seen
+from inercal.sensors import Sensor
 
 if TYPE_CHECKING:  # reports do without a register
     from inercal.store import History
@@ -43,6 +45,27 @@ def write_report(
     with _extras():
         from inercal.report.page import page
     return _write(path, page(outcome, truth, history))
+
+
+def write_refusal(seen: Seen, sensor: Sensor, message: str, path: str | Path) -> Path:
+    """Write the page of a recording that was refused, whole or not at all. Return its path.
+
+    Parameters
+    ----------
+    seen : Seen
+    sensor : Sensor
+    message : str
+        Why it was refused.
+    path : path
+
+    Raises
+    ------
+    InputError
+        matplotlib or jinja2 is missing, or the file cannot be written.
+    """
+    with _extras():
+        from inercal.report.refusal import page
+    return _write(path, page(seen, sensor, message))
 
 
 def write_history(history: "History", path: str | Path) -> Path:
@@ -137,6 +160,7 @@ __all__ = [
     "history_page",
     "write_budget",
     "write_history",
+    "write_refusal",
     "write_report",
     "write_worksheet",
 ]

@@ -5,6 +5,8 @@ Of each stretch of samples the smallest and the largest are drawn, so that no sp
 # matplotlib's stubs leave **kwargs untyped.
 # pyright: reportUnknownMemberType=false
 
+from collections.abc import Sequence
+
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
@@ -46,7 +48,7 @@ def envelope(recording: Recording, column: int) -> tuple[Array, Array]:
     return np.insert(time, broken, time[broken]), np.insert(y[kept], broken, np.nan)
 
 
-def _stack(height: float, count: int, seconds: float) -> tuple[Figure, list[Axes]]:
+def stack(height: float, count: int, seconds: float) -> tuple[Figure, list[Axes]]:
     """Return a figure and its axes, one above the other over the same time."""
     figure, rows = drawing.panels(height, [*[0.0] * (count - 1), 0.45])
     for (axes,) in rows:
@@ -61,7 +63,7 @@ def traces(outcome: Outcome, recording: Recording) -> Markup:
     """Return the signals by kind of axis, sections shaded, the audit's ranges marked."""
     sensor = outcome.calibration.sensor
     kinds = [kind for kind in KINDS if any(axis.measures == kind for axis in sensor.axes)]
-    figure, rows = _stack(1.6, len(kinds), recording.duration)
+    figure, rows = stack(1.6, len(kinds), recording.duration)
     for axes, kind in zip(rows, kinds, strict=True):
         names = [axis.name for axis in sensor.axes if axis.measures == kind]
         for k, name in enumerate(names):
@@ -77,7 +79,7 @@ def traces(outcome: Outcome, recording: Recording) -> Markup:
     return svg(figure, "traces", "Recorded signals with the marked sections")
 
 
-def _ranges(spans: list[tuple[int, int]], recording: Recording) -> list[tuple[float, float]]:
+def ranges(spans: list[tuple[int, int]], recording: Recording) -> list[tuple[float, float]]:
     """Return start and length in s of half-open ranges of samples."""
     last = recording.time.size - 1
     return [
@@ -89,13 +91,32 @@ def _ranges(spans: list[tuple[int, int]], recording: Recording) -> list[tuple[fl
     ]
 
 
+@drawing.style
+def signals(recording: Recording, sensor: Sensor, marks: Sequence[Mark]) -> Markup:
+    """Return the signals by kind of axis with some sections shaded."""
+    kinds = [kind for kind in KINDS if any(axis.measures == kind for axis in sensor.axes)]
+    figure, rows = stack(1.6, len(kinds), recording.duration)
+    spans = [(mark.start, mark.stop) for mark in marks]
+    for axes, kind in zip(rows, kinds, strict=True):
+        names = [axis.name for axis in sensor.axes if axis.measures == kind]
+        for k, name in enumerate(names):
+            time, y = envelope(recording, recording.channels.index(name))
+            axes.plot(time, y, color=AXES[k % 3], lw=0.7, label=name)
+        title = KINDS[kind][0].lower()
+        axes.set_ylabel(f"{title}, {recording.units[recording.channels.index(names[0])]}")
+        drawing.key(axes)
+        axes.broken_barh(ranges(spans, recording), (0, 1), fc=BAND, ec=FAINT, lw=0.5, zorder=0,
+                         transform=axes.get_xaxis_transform())  # fmt: skip
+    return svg(figure, "signals", "Recorded signals with the rests that were found")
+
+
 def _used(outcome: Outcome) -> list[Mark]:
     return [mark for mark in outcome.marks if mark.label in outcome.observations.labels]
 
 
 def _shade(axes: Axes, outcome: Outcome, recording: Recording) -> None:
     spans = [(mark.start, mark.stop) for mark in _used(outcome)]
-    axes.broken_barh(_ranges(spans, recording), (0, 1), fc=BAND, ec=FAINT, lw=0.5, zorder=0,
+    axes.broken_barh(ranges(spans, recording), (0, 1), fc=BAND, ec=FAINT, lw=0.5, zorder=0,
                      transform=axes.get_xaxis_transform())  # fmt: skip
 
 
@@ -107,7 +128,7 @@ def _mark(axes: Axes, outcome: Outcome, recording: Recording, names: list[str]) 
         if f.start is not None and f.stop is not None and f.channel in (None, *names)
     ]
     if spans:
-        axes.broken_barh(_ranges(spans, recording), (0, 1), fc=(WARN, 0.25), ec=WARN, lw=0.8,
+        axes.broken_barh(ranges(spans, recording), (0, 1), fc=(WARN, 0.25), ec=WARN, lw=0.8,
                          zorder=3, transform=axes.get_xaxis_transform())  # fmt: skip
 
 
@@ -117,7 +138,7 @@ def _name(axes: Axes, outcome: Outcome, recording: Recording) -> None:
     if not marks:
         return
     marks = marks[:: -(-len(marks) // drawing.NAMES)]  # the names of more would cover one another
-    spans = _ranges([(mark.start, mark.stop) for mark in marks], recording)
+    spans = ranges([(mark.start, mark.stop) for mark in marks], recording)
     where = [start + length / 2 for start, length in spans]
     inches = 8.2 * np.diff(sorted(where)) / max(recording.duration, 1e-9)
     longest = max(len(mark.label) for mark in marks)
@@ -133,7 +154,7 @@ def _name(axes: Axes, outcome: Outcome, recording: Recording) -> None:
 @drawing.style
 def scatters(recording: Recording, sensor: Sensor, rests: FoundRests) -> Markup:
     """Return what rests were found by: the scatter over time, with the thresholds that it met."""
-    figure, rows = _stack(1.3, len(rests.levels), recording.duration)
+    figure, rows = stack(1.3, len(rests.levels), recording.duration)
     stretch = -(-recording.time.size // POINTS)
     starts = np.arange(0, recording.time.size, stretch)
     time = recording.time[starts] - recording.time[0]
@@ -147,6 +168,6 @@ def scatters(recording: Recording, sensor: Sensor, rests: FoundRests) -> Markup:
         axes.yaxis.set_major_formatter("{x:g}")
         axes.minorticks_off()
         axes.set_ylabel(f"{KINDS[level.kind][0].lower()}, {level.unit}")
-        axes.broken_barh(_ranges(spans, recording), (0, 1), fc=BAND, ec=FAINT, lw=0.5, zorder=0,
+        axes.broken_barh(ranges(spans, recording), (0, 1), fc=BAND, ec=FAINT, lw=0.5, zorder=0,
                          transform=axes.get_xaxis_transform())  # fmt: skip
     return svg(figure, "scatters", "Scatter over half a second, with the thresholds of rest")

@@ -3,12 +3,12 @@
 from inercal.segments.against_plan import check_against_plan, check_turn_ends
 from inercal.segments.attitudes import as_found, held, unflawed
 from inercal.segments.average import observe
-from inercal.segments.detect import find_marks
+from inercal.segments.detect import find_marks, find_sections, search_sections
 from inercal.segments.dwells import average_dwells, find_dwells
 from inercal.segments.levels import scatter
 from inercal.segments.marks import check_marks, marks_from_labels
 from inercal.segments.passages import between_rests
-from inercal.segments.rests import FoundRests, find_rests
+from inercal.segments.rests import FoundRests, find_rests, judged_levels
 from inercal.segments.stands import find_stands, left_out
 from inercal.segments.stillness import require_still
 from inercal.segments.table_steps import (
@@ -32,9 +32,11 @@ __all__ = [
     "find_holds",
     "find_marks",
     "find_rests",
+    "find_sections",
     "find_stands",
     "find_turns",
     "held",
+    "judged_levels",
     "left_out",
     "long_enough",
     "marks_from_labels",
@@ -42,5 +44,6 @@ __all__ = [
     "observe",
     "require_still",
     "scatter",
+    "search_sections",
     "unflawed",
 ]

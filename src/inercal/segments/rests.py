@@ -125,6 +125,7 @@ def find_rests(recording: Recording, sensor: Sensor) -> FoundRests:
             f"{recording.source}: no rest of {(shortest + 2 * margin) / rate + WINDOW:.2g} s is "
             "found: what is quiet lies scattered between moves"
             + (f", and in {crept} quiet sections the sensor turned slowly" if crept else "")
+            + "".join(f"; {_level_said(level)}" for level in levels)
         )
     width = max(len(str(len(kept))), 2)
     marks = tuple(
@@ -191,15 +192,23 @@ def _said(
     share = 100 * sum(seconds) / recording.duration
     length = f"{low} s" if low == high else f"{low} to {high} s"
     parts = [f"{len(marks)} rest{'s' * (len(marks) > 1)} of {length} found, {share:.0f} % of time"]
-    for level in levels:
-        limit = f"threshold {level.threshold:.3g} {level.unit}"
-        if not np.isfinite(level.threshold):
-            limit = "no threshold, as rest and motion scatter alike"
-        parts.append(
-            f"scatter at rest {level.quiet:.3g} {level.unit}, {limit} ({NAMES[level.kind]})"
-        )
+    parts += map(_level_said, levels)
     if crept:
         parts.append(f"{crept} in which the sensor turned slowly left out")
     if shortened:
         parts.append(f"{shortened} shortened, as the sensor turned slowly at an end")
     return "; ".join(parts)
+
+
+def _level_said(level: Level) -> str:
+    limit = f"threshold {level.threshold:.3g} {level.unit}"
+    if not np.isfinite(level.threshold):
+        limit = "no threshold, as rest and motion scatter alike"
+    return f"scatter at rest {level.quiet:.3g} {level.unit}, {limit} ({NAMES[level.kind]})"
+
+
+def judged_levels(recording: Recording, sensor: Sensor) -> tuple[Level, ...]:
+    """Return how each kind of axis scatters, and by which threshold rests would be found."""
+    window, segments = window_of(recording), segments_of(recording)
+    kinds = kinds_of(recording, sensor)
+    return tuple(level_of(recording, kind, segments, window)[0] for kind in kinds)

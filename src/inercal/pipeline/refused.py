@@ -1,0 +1,69 @@
+"""What can be shown of a recording that a calibration refused: rests and thresholds."""
+
+from dataclasses import dataclass
+
+from inercal.benches import DividingHead, Hand
+from inercal.errors import InputError
+from inercal.io.read import read_recording
+from inercal.pipeline.inputs import columns, gyro_file, limits, turned_round
+from inercal.plan import Hold, Turn
+from inercal.recording import Finding, Recording
+from inercal.runfile import Run
+from inercal.segments import (
+    FoundRests,
+    find_rests,
+    judged_levels,
+    marks_from_labels,
+    search_sections,
+)
+from inercal.segments.levels import WINDOW
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A recording and the rests that were found in it.
+
+    Parameters
+    ----------
+    recording : Recording
+    rests : FoundRests
+        Without marks where none was found.
+    """
+
+    recording: Recording
+    rests: FoundRests
+
+
+def seen(run: Run) -> Seen | None:
+    """Return what was found in the recording of a run that was refused.
+
+    None where there is no recording, where it cannot be read, or where its bench has no rests.
+    """
+    if run.data.kind == "means" or not isinstance(run.bench, Hand | DividingHead):
+        return None
+    try:
+        recording = read_recording(
+            run.file(run.data.file), columns(run), limits(run.sensor), gyro_file(run)
+        )
+        recording = turned_round(run, recording)
+        return Seen(recording, _rests(run, recording))
+    except InputError:
+        return None
+
+
+def _rests(run: Run, recording: Recording) -> FoundRests:
+    if run.data.marks == "found" and isinstance(run.bench, Hand) and not run.method.free:
+        steps = [step for step in run.steps if isinstance(step, Hold | Turn)]
+        found = search_sections(recording, run.sensor, steps)
+        note = Finding("note", "rests", found.words)
+        return FoundRests(found.marks or found.rests, found.levels, WINDOW, note)
+    if run.data.marks == "found":
+        try:
+            return find_rests(recording, run.sensor)
+        except InputError as error:
+            marks, text = (), str(error)
+    else:
+        marks = marks_from_labels(recording) if run.data.marks == "labels" else ()
+        text = f"{len(marks)} sections are marked"
+    levels = judged_levels(recording, run.sensor)
+    return FoundRests(marks, levels, WINDOW, Finding("note", "rests", text))
