@@ -225,7 +225,9 @@ def test_samples_lost_in_a_rest_leave_its_longer_part():
 
 def test_rests_too_short_to_average_are_refused():
     made = session(six_positions(1.0), TRIAD)
-    with pytest.raises(InputError, match=r"^log\.csv: no rest of 1\.5 s is found; mark the "):
+    with pytest.raises(
+        InputError, match=r"^log\.csv: no rest of 1\.5 s is found \(.*threshold.*; mark the "
+    ):
         made.found()
 
 

@@ -4,13 +4,15 @@ from dataclasses import dataclass
 
 from inercal.benches import DividingHead, Hand
 from inercal.errors import InputError
+from inercal.io.marks import as_read, marks_from_file
 from inercal.io.read import read_recording
 from inercal.pipeline.inputs import columns, gyro_file, limits, turned_round
 from inercal.plan import Hold, Turn
-from inercal.recording import Finding, Recording
+from inercal.recording import Finding, Mark, Recording
 from inercal.runfile import Run
 from inercal.segments import (
     FoundRests,
+    check_marks,
     find_rests,
     judged_levels,
     marks_from_labels,
@@ -51,6 +53,12 @@ def seen(run: Run) -> Seen | None:
         return None
 
 
+def _from_file(run: Run, recording: Recording) -> tuple[Mark, ...]:
+    marks = as_read(marks_from_file(run.file(run.data.marks)), recording)
+    check_marks(marks, recording, [mark.label for mark in marks])
+    return marks
+
+
 def _rests(run: Run, recording: Recording) -> FoundRests:
     if run.data.marks == "found" and isinstance(run.bench, Hand) and not run.method.free:
         steps = [step for step in run.steps if isinstance(step, Hold | Turn)]
@@ -63,7 +71,8 @@ def _rests(run: Run, recording: Recording) -> FoundRests:
         except InputError as error:
             marks, text = (), str(error)
     else:
-        marks = marks_from_labels(recording) if run.data.marks == "labels" else ()
+        labelled = run.data.marks == "labels"
+        marks = marks_from_labels(recording) if labelled else _from_file(run, recording)
         text = f"{len(marks)} sections are marked"
     levels = judged_levels(recording, run.sensor)
     return FoundRests(marks, levels, WINDOW, Finding("note", "rests", text))
