@@ -114,9 +114,9 @@ def longest(x: Array) -> tuple[int, int] | None:
     """Return the run of one value that takes half of the samples or more, half open, if any."""
     middle = x.size // 2  # it lies in such a run
     other = x != x[middle]
-    before, after = np.flatnonzero(other[:middle]), np.flatnonzero(other[middle:])
-    start = int(before[-1]) + 1 if before.size else 0
-    stop = middle + int(after[0]) if after.size else x.size
+    before, after = other[:middle][::-1], other[middle:]
+    start = middle - int(before.argmax()) if before.any() else 0
+    stop = middle + int(after.argmax()) if after.any() else x.size
     return (start, stop) if 2 * (stop - start) >= x.size else None
 
 

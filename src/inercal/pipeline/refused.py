@@ -1,6 +1,6 @@
 """What can be shown of a recording that a calibration refused: rests and thresholds."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from inercal.benches import DividingHead, Hand
 from inercal.errors import InputError
@@ -64,7 +64,12 @@ def _rests(run: Run, recording: Recording) -> FoundRests:
         steps = [step for step in run.steps if isinstance(step, Hold | Turn)]
         found = search_sections(recording, run.sensor, steps)
         note = Finding("note", "rests", found.words)
-        return FoundRests(found.marks or found.rests, found.levels, WINDOW, note)
+        named = {(mark.start, mark.stop): mark.label for mark in found.marks}
+        marks = tuple(
+            replace(rest, label=named.get((rest.start, rest.stop), rest.label))
+            for rest in found.rests
+        )
+        return FoundRests(marks, found.levels, WINDOW, note)
     if run.data.marks == "found":
         try:
             return find_rests(recording, run.sensor)
