@@ -182,7 +182,7 @@ def consistency(
     shifted: list[Array] = []
     for one in asked.candidates(start):
         columns = one.rows.reshape(len(used), 3, -1)
-        whitened.append(replace(one, rows=from_readings @ _moved(fitted.matrix, columns)))
+        whitened.append(replace(one, rows=-from_readings @ _moved(fitted.matrix, columns)))
         shifted.append(slope @ gain[:, own] @ _moved(model.matrix, columns))
     found = scored(residual, u, whitened)
     # The estimator weighs the rows otherwise than this fit: its own gain says how it shifts.
