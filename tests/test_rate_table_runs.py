@@ -191,16 +191,25 @@ def misnamed(old: str, new: str) -> Callable[[Rows], Rows]:
 
 
 @pytest.mark.parametrize(
-    ("new", "words"),
+    ("new", "names"),
     [
-        ("XY 60", "(largest: XY60 at 86 rpm az, "),
-        ("XY -30", "standard deviations; pose_y of XY-30 is 280 standard deviations from what"),
+        # XY 60 at 86 r/min is there already: the two rows contradict each other.
+        ("XY 60", {"XY60 at 86 rpm", "XY60 at 86 rpm (2)"}),
+        ("XY -30", {"pose[XY-30]", "XY-30 at 86 rpm"}),
     ],
 )
-def test_a_wrong_mounting_is_named_in_the_verdict(tmp_path: Path, new: str, words: str):
+def test_a_wrong_mounting_is_the_suspect(tmp_path: Path, new: str, names: set[str]):
     verdict = calibrate(written(tmp_path, rows=misnamed("XY 30", new))).verdict
-    assert "look for the state or mounting that sticks out" in verdict[0]
-    assert words in verdict[0]
+    assert verdict.grade == "unreliable"
+    assert verdict.suspect is not None
+    assert {verdict.suspect.name, *verdict.suspect.alike} == names
+
+
+def test_the_angle_by_which_a_mounting_is_off_is_its_own(tmp_path: Path):
+    suspect = calibrate(written(tmp_path, rows=misnamed("XY 30", "XY -30"))).verdict.suspect
+    assert suspect is not None
+    size = suspect.sizes[suspect.components.index("pose_y[XY-30]")]
+    assert np.degrees(size) == pytest.approx(60, abs=2)
 
 
 def test_a_tilt_of_more_than_a_turn_is_refused(tmp_path: Path):

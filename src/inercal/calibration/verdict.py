@@ -173,14 +173,17 @@ def _suspect(
             else "this method cannot estimate it; its shift is not in U"
         )
     elif one.kind == "bench":
-        stated = expected.get(one.components[0])
+        # Of the components of one vector, such as the angles of a mounting, the clearest.
+        clear = np.nan_to_num(np.abs(one.sizes) / np.asarray(one.sds))
+        k = int(np.argmax(clear))
+        stated = expected.get(one.components[k])
         sd = 0.0 if stated is None else stated.sd
-        departure = _shown(one.sizes[0], one.sds[0], one.units[0])
-        known = f"± {_shown(sd, 0.0, one.units[0])}" if sd else "as exact"
+        departure = _shown(one.sizes[k], one.sds[k], one.units[k])
+        known = f"± {_shown(sd, 0.0, one.units[k])}" if sd else "as exact"
         meaning = "" if stated is None or not stated.meaning else f" ({stated.meaning})"
         lines = (
-            f"suspect: bench parameter {one.name}{meaning}; it departs by {departure} from its "
-            f"stated value, which is stated {known}"
+            f"suspect: bench parameter {one.components[k]}{meaning}; it departs by {departure} "
+            f"from its stated value, which is stated {known}"
         )
         advice = "measure it again, or state it with its true uncertainty"
     elif one.kind == "row":

@@ -149,14 +149,14 @@ def consistency(
     a, square = some.mean / G0, (f[at_groups] ** 2).sum(-1)
     nearest = model if level else _turned(model, a, f)
 
-    def rows(model: Affine, readings: Array) -> tuple[Array, Array]:
+    def compared_at(model: Affine, readings: Array) -> tuple[Array, Array]:
         of_level, of_groups = readings[..., at_level, :], readings[..., at_groups, :]
         return linearised(model, of_level, f[at_level], of_groups, square)
 
     def at(theta: Array) -> tuple[Array, Array]:
         # Slopes at the noise of the readings would have a share of it, and so of the residuals.
         here = Affine.of(theta)
-        return rows(here, a)[0], rows(here, here.inverse.correct(f))[1]
+        return compared_at(here, a)[0], compared_at(here, here.inverse.correct(f))[1]
 
     compared = _compared(nearest, a, at_level, at_groups)
     spread = compared @ of_rows(some, bench, here, nearest.matrix) @ np.swapaxes(compared, -1, -2)
@@ -179,18 +179,13 @@ def consistency(
     from_readings = whitener @ _compared(fitted, expected, at_level, at_groups)
     own = [3 * k + axis for k in used for axis in range(3)]
     whitened: list[Candidate] = []
-    shifted: list[Array] = []
     for one in asked.candidates(start):
         columns = one.rows.reshape(len(used), 3, -1)
-        whitened.append(replace(one, rows=from_readings @ _moved(fitted.matrix, columns)))
-        shifted.append(slope @ gain[:, own] @ _moved(model.matrix, columns))
-    found = scored(residual, u, whitened)
-    # The estimator weighs the rows otherwise than this fit: its own gain says how it shifts.
-    scores = tuple(
-        replace(one, shift=by @ np.nan_to_num(one.size))
-        for one, by in zip(found.scores, shifted, strict=True)
-    )
-    return Consistency(chi2, dof, found._replace(scores=scores))
+        # The estimator weighs the rows otherwise than this fit: its own gain says how it shifts.
+        shift = slope @ gain[:, own] @ _moved(model.matrix, columns)
+        rows = -from_readings @ _moved(fitted.matrix, columns)
+        whitened.append(replace(one, rows=rows, moved=shift))
+    return Consistency(chi2, dof, scored(residual, u, whitened))
 
 
 def _moved(matrix: Array, rows: Array) -> Array:

@@ -16,6 +16,7 @@ from inercal.sensors import Sensor, inverse
 
 _MEANT = 0.7  # cosine: within 45° of the nominal direction
 _ALIGNED = 0.9
+_EVEN = 1e-6  # length of the mean direction of faces in pairs
 _END = 0.1  # s at either end of a turn
 _STILL_TURNING = 0.25  # of the fastest rate
 
@@ -51,19 +52,33 @@ def check_against_plan(
     felt = inverse(bare, observations.mean, np.zeros(0))
     findings: list[Finding] = []
     holds = np.array([isinstance(step, Hold) for step in steps])
+    offset = _offset(felt.f, steps, gravity)
     for k, step in enumerate(steps):
         if isinstance(step, Hold):
-            f = felt.f[k]
+            f = felt.f[k] - offset
             if f @ np.array(step.up) < _MEANT * np.linalg.norm(f):
+                read = _list(felt.f[k] / gravity)
                 raise InputError(
                     f"section {step.label} should have {direction(step.up)} up, but the "
-                    f"accelerometers read {_list(f / gravity)} g: is the mark on another section, "
-                    "or are columns swapped or reversed?"
+                    f"accelerometers read {read} g: is the mark on another section, or are columns "
+                    "swapped or reversed?"
                 )
         elif len(columns["w"]) == 3:
             bias = felt.w[holds].mean(axis=0) if holds.any() else np.zeros(3)
             findings += _check_turn(step, (felt.w[k] - bias) * observations.duration[k])
     return tuple(findings)
+
+
+def _offset(force: np.ndarray, steps: Sequence[HandStep], gravity: float) -> np.ndarray:
+    """Return rough biases, (3,) m/s²: the mean over holds that lie evenly round, else zero.
+
+    Of faces in pairs it does not depend on which is which, so that no mistake is taken as a bias.
+    """
+    ups = np.array([step.up for step in steps if isinstance(step, Hold)]).reshape(-1, 3)
+    if not len(ups) or np.linalg.norm(ups.mean(axis=0)) > _EVEN:
+        return np.zeros(3)
+    holds = [isinstance(step, Hold) for step in steps]
+    return force[holds].mean(axis=0) - gravity * ups.mean(axis=0)
 
 
 def _check_turn(step: HandStep, angle: np.ndarray) -> list[Finding]:

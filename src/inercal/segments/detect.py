@@ -31,6 +31,8 @@ _TURNING = 10.0  # quietest scatters that a resting rate may differ between atti
 _SLOWEST = 0.01  # rad/s: no hand turns slower, and neither the earth nor gravity does as much
 _ALIGNED = 0.9  # cosine between a mean specific force (a turn's axis) and the nominal direction
 _LONGER = 2.0  # times, of a position's rest: the shorter one was a quiet moment of it
+_ROUGHLY = 0.7  # the same before biases are taken out
+_EVEN = 1e-6  # length of the mean direction of attitudes in opposite pairs
 _TURN_TOLERANCE = 0.25  # a turn's angle may be wrong by this part and still be meant
 
 
@@ -268,6 +270,8 @@ def _runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
 
 def _holds(f: Array, rests: Sequence[tuple[int, int]], steps: Sequence[HandStep]) -> list[Mark]:
     means = np.array([f[a:b].mean(axis=0) for a, b in rests])
+    ups = np.array([step.up for step in steps if isinstance(step, Hold)]).reshape(-1, 3)
+    means = means - _offset(means, ups)
     directions = means / np.linalg.norm(means, axis=1, keepdims=True)
     marks: list[Mark] = []
     for step in steps:
@@ -277,6 +281,20 @@ def _holds(f: Array, rests: Sequence[tuple[int, int]], steps: Sequence[HandStep]
                 a, b = max((rests[k] for k in fitting), key=lambda rest: rest[1] - rest[0])
                 marks.append(Mark(step.label, a, b))
     return marks
+
+
+def _offset(means: Array, ups: Array) -> Array:
+    """Return rough biases, (3,): what rests in opposite attitudes have in common, else zero.
+
+    A bias of 0.4 g turns the reading of a face by more than the cosine that tells faces apart.
+    """
+    directions = means / np.linalg.norm(means, axis=1, keepdims=True)
+    near = directions @ ups.T
+    found = np.flatnonzero((near > _ROUGHLY).any(axis=0))
+    if len(found) < len(ups) or not len(ups) or np.linalg.norm(ups.mean(axis=0)) > _EVEN:
+        return np.zeros(3)
+    faces = [means[near[:, k] > _ROUGHLY].mean(axis=0) for k in found.tolist()]
+    return np.asarray(np.mean(faces, axis=0), dtype=float)
 
 
 def _turns(

@@ -32,6 +32,8 @@ Array = NDArray[np.float64]
 _STILL = 1e-3  # rad; no run worth following turns less, in any unit
 _TURNS = radians(1)  # rad/s that gyros read beyond their bias where a table turns
 _SIZE = 1.2  # times or one over it: no usable scale factor is further off
+_SPHERE = 4  # readings that determine a centre and a radius
+_ALL_ROUND = 0.3  # least spread of attitudes over the largest, for that
 _WEIGHT = (0.7, 1.4)  # times g, of the norm at rest
 _USUAL = (0.9, 1.1)
 _NEAR = 1.1  # of a factor that is a unit's
@@ -115,8 +117,7 @@ def _require_weight(where: str, made: Blocks, bench: Turntable) -> tuple[Finding
     """Refuse accelerometers whose norm at rest is far from g, and warn where it is not near."""
     if made.readings["f"].shape[-1] != 3 or not made.still.any():
         return ()
-    norm = np.linalg.norm(made.readings["f"][made.still], axis=-1)
-    times = float(np.median(norm)) / bench.gravity.value
+    times = _size_at_rest(made.readings["f"][made.still]) / bench.gravity.value
     if not _WEIGHT[0] < times < _WEIGHT[1]:
         raise InputError(
             f"{where}: [data] accelerometer: at rest the readings' norm is {times:.3g} times "
@@ -130,6 +131,21 @@ def _require_weight(where: str, made: Blocks, bench: Turntable) -> tuple[Finding
         "the nominal scale right?"
     )
     return (Finding("warning", "units", text),)
+
+
+def _size_at_rest(force: Array) -> float:
+    """Return the size of readings (n, 3) at rest in several attitudes, biases taken out.
+
+    Readings at rest lie near a sphere about the biases, |f|² = 2 c·f + R² − |c|². Where the
+    attitudes do not determine its centre, the median norm stands for its radius.
+    """
+    centred = force - force.mean(axis=0)
+    spread = np.linalg.svd(centred, compute_uv=False)
+    if len(force) < _SPHERE or spread[-1] < _ALL_ROUND * spread[0]:
+        return float(np.median(np.linalg.norm(force, axis=-1)))
+    columns = np.concatenate([2 * force, np.ones((len(force), 1))], axis=-1)
+    solved = np.asarray(np.linalg.lstsq(columns, (force**2).sum(-1), rcond=None)[0], dtype=float)
+    return float(np.sqrt(max(solved[3] + solved[:3] @ solved[:3], 0.0)))
 
 
 def _require_sizes(
