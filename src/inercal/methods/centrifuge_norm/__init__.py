@@ -90,7 +90,8 @@ def _gained(
 ) -> str:
     """Say what the attitudes bring beside norms, by the uncertainties as modelled."""
     try:
-        alone = least_squares(by_norm(observations, sensor, bench, steps, priors))
+        norms = by_norm(observations, sensor, bench, steps, priors)
+        alone = least_squares(replace(norms, candidates=None))
         require_observed(alone, sensor, missing=())
     except NotObserved as error:
         return f"the attitudes tell what norms alone leave open: {'; '.join(error.directions)}"
