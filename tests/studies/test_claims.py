@@ -5,7 +5,17 @@ from math import inf, nan, sqrt
 
 import pytest
 
-from inercal.studies.claim import LIMIT, Claim, Finding, Relation, Verdict, distance, judge, shown
+from inercal.studies.claim import (
+    LIMIT,
+    Basis,
+    Claim,
+    Finding,
+    Relation,
+    Verdict,
+    distance,
+    judge,
+    shown,
+)
 
 
 def verdict(printed: float, computed: float, u: float, relation: Relation = "=") -> Verdict:
@@ -74,3 +84,16 @@ def test_numbers_are_written_as_people_read_them():
         "0", "0.5", "−20", "130", "2.3·10⁴", "5.8·10⁻³", "−10⁻⁵", "infinitely many", "none",
     ]  # fmt: skip
     assert shown(5.700684e-5, 7) == "5.700684·10⁻⁵"
+
+
+@pytest.mark.parametrize("basis", ["words", "derived"])
+def test_the_printed_column_holds_printed_numbers_alone(basis: Basis):
+    printed, implied = (
+        judge(Claim("it", "here", 2.0, relation="≤", basis=one), 3.0, 0.1, "why")
+        for one in ("number", basis)
+    )
+    assert (printed.claim.printed, printed.in_print) == (2.0, "≤ 2")
+    assert (implied.claim.printed, implied.in_print) == (None, "—")
+    assert implied.expectation == printed.expectation == "≤ 2"
+    assert implied.verdict == printed.verdict == "false"
+    assert "In print" not in implied.why

@@ -115,12 +115,34 @@ def test_the_head_is_eliminated(dual_orthogonal: Study):
 
 
 def test_two_of_ten_steps_have_the_four_points(dual_orthogonal: Study):
-    assert of_section(dual_orthogonal, "step")[0] == "false"
+    assert of_section(dual_orthogonal, "step")[:2] == ["false", "false"]
     serving = [n for n in step.WITHIN if step.error("patent", positions(n), 20, 1) is not None]
     assert serving == [12, 16]
     assert len(step.with_cardinals(9)) == len(step.with_cardinals(12)) == 12
     for n in step.WITHIN:
         assert step.error("patent", step.with_cardinals(n), 20, 1) is not None
+
+
+def test_claims_three_and_four_compare_steps_with_steps(dual_orthogonal: Study):
+    (found,) = [section for section in dual_orthogonal.sections if section.name == "step"]
+    finest, coarsest, *best = found.findings
+    assert (finest.claim.printed, finest.computed) == (20.0, 22.5)
+    assert (coarsest.claim.printed, coarsest.computed) == (40.0, 30.0)
+    for finding in best:
+        assert finding.claim.printed == 30.0
+        assert finding.claim.unit == "°"
+        assert finding.computed in [360 / n for n in step.COUNTS]
+
+
+def test_the_best_step_is_as_far_from_thirty_degrees_as_its_ratio_is_from_one():
+    rng = np.random.default_rng(5)
+    errors = {n: rng.standard_normal((400, 9)) for n in (9, 12, 24)}
+    assert step.best_step(errors | {12: 0.5 * errors[12]})[:2] == (30.0, 0.0)
+    better = errors | {24: 0.5 * errors[24]}
+    at, u, _ = step.best_step(better)
+    over, n = step.over_the_rest(better)
+    assert (at, n) == (15.0, 24)
+    assert (30 - at) / u == pytest.approx((over.value - 1) / over.u)
 
 
 @pytest.mark.slow

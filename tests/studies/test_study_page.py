@@ -11,7 +11,7 @@ from inercal.cli.app import main
 from inercal.errors import InputError
 from inercal.studies import STUDIES, Study, as_list, reproduce, write_study
 
-KEYS = ["claim", "printed", "computed", "uncertainty", "verdict"]
+KEYS = ["claim", "printed", "expected", "computed", "uncertainty", "verdict"]
 VERDICTS = {"reproduced", "not reproducible", "false"}
 
 
@@ -45,7 +45,7 @@ def test_every_finding_has_its_sentence_and_its_own_name(each_study: Study):
     assert len(set(titles)) == len(titles)
     for finding in each_study.findings:
         assert finding.came_out in finding.why
-        assert finding.in_print in finding.why
+        assert finding.expectation in finding.why
         assert finding.because in finding.why
 
 
@@ -56,7 +56,8 @@ def test_the_list_has_the_documented_keys_and_plain_numbers(each_study: Study):
         assert list(entry) == KEYS
         assert isinstance(entry["claim"], str)
         assert entry["verdict"] in VERDICTS
-        assert isinstance(entry["printed"], float)
+        assert isinstance(entry["expected"], float)
+        assert entry["printed"] in (entry["expected"], None)
         assert entry["computed"] is None or isinstance(entry["computed"], float)
         assert isinstance(entry["uncertainty"], float)
 

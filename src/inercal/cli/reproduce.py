@@ -61,6 +61,8 @@ def _print(study: "Study") -> None:
             u = shown(finding.uncertainty) if finding.uncertainty else "0"
             title = claim.title + (f", {claim.unit}" if claim.unit else "")
             verdict = f"[{_COLOURS[finding.verdict]}]{finding.verdict}[/]"
+            if claim.printed is None:
+                title += f" (implied: {finding.expectation})"
             table.add_row(title, finding.in_print, finding.came_out, u, verdict)
         table.add_section()
     Console().print(table)

@@ -58,11 +58,16 @@ def reproduce(name: str, trials: int = TRIALS, seed: int = 0, say: Say = _unsaid
 
 
 def as_list(study: Study) -> list[dict[str, Any]]:
-    """Return the findings as `inercal reproduce --json` prints them; null is not finite."""
+    """Return the findings as `inercal reproduce --json` prints them; null is not finite.
+
+    "printed" is null, too, where the source prints no number: "expected" is what its words or a
+    printed formula stand for.
+    """
     return [
         {
             "claim": finding.claim.title,
             "printed": finding.claim.printed,
+            "expected": finding.claim.expected,
             "computed": finding.computed if isfinite(finding.computed) else None,
             "uncertainty": finding.uncertainty if isfinite(finding.uncertainty) else None,
             "verdict": finding.verdict,

@@ -1,9 +1,10 @@
 """What a source says, and the verdict on it from the numbers.
 
-A claim is data: what is said, where, and the number in print. A finding puts beside it the number
-that comes out, and how well that is known. The verdict follows from
+A claim is data: what is said, where, and the number that it takes to be right: one in print, one
+that the source's words imply, or what a printed formula or figure gives. A finding puts beside it
+the number that comes out, and how well that is known. The verdict follows from
 
-    z = |printed − computed| / u,    one-sided where the claim is a bound
+    z = |expected − computed| / u,    one-sided where the claim is a bound
 
 u the standard uncertainty of the comparison: rounding of the printed digits, Monte Carlo error, the
 noise of the experiment, or what the mended formula itself leaves.
@@ -14,7 +15,9 @@ from math import ceil, floor, hypot, inf, isfinite, log10, sqrt
 from typing import Literal
 
 Relation = Literal["=", "≤", "≥"]
+Basis = Literal["number", "words", "derived"]
 Verdict = Literal["reproduced", "not reproducible", "false"]
+_BASES = {"number": "In print", "words": "Its words mean", "derived": "What is printed gives"}
 LIMIT = 2.0  # standard uncertainties, about 95 %, as of every expanded uncertainty here
 
 
@@ -28,25 +31,33 @@ class Claim:
         What is said, in words.
     where : str
         Equation, table or section.
-    printed : float
-        The number in print; of a formula, what it gives as printed.
+    expected : float
+        The number that the claim stands for.
     unit : str
     relation : "=", "≤" or "≥"
-        Of the quantity to the printed number.
+        Of the quantity to that number.
     kind : "result" or "statement"
         The outcome of one run, which may fail to come out again; or a statement, which is false
         where it fails.
     last_digit : float
         Value of one unit in the last printed place; 0 is exact.
+    basis : "number", "words" or "derived"
+        Whether the source prints the number, implies it by its words, or prints what gives it.
     """
 
     name: str
     where: str
-    printed: float
+    expected: float
     unit: str = ""
     relation: Relation = "="
     kind: Literal["result", "statement"] = "statement"
     last_digit: float = 0.0
+    basis: Basis = "number"
+
+    @property
+    def printed(self) -> float | None:
+        """The number in print; None where the source prints none."""
+        return self.expected if self.basis == "number" else None
 
     @property
     def title(self) -> str:
@@ -56,9 +67,9 @@ class Claim:
     @property
     def digits(self) -> int:
         """Significant digits in print; four of what was not printed as a number."""
-        if not (self.last_digit and self.printed):
+        if not (self.last_digit and self.expected):
             return 4
-        return floor(log10(abs(self.printed) / self.last_digit) + 1 + 1e-9)
+        return floor(log10(abs(self.expected) / self.last_digit) + 1 + 1e-9)
 
     @property
     def rounding(self) -> float:
@@ -89,7 +100,7 @@ class Finding:
     @property
     def off(self) -> float:
         """How far the claim is missed, in standard uncertainties; 0 within a bound."""
-        return distance(self.claim.printed, self.computed, self.uncertainty, self.claim.relation)
+        return distance(self.claim.expected, self.computed, self.uncertainty, self.claim.relation)
 
     @property
     def verdict(self) -> Verdict:
@@ -102,9 +113,10 @@ class Finding:
     def why(self) -> str:
         """The verdict's sentence, with the computed figures."""
         unit = f" {self.claim.unit}" if self.claim.unit else ""
+        claimed = f"{_BASES[self.claim.basis]} {self.expectation}{unit}"
         if not isfinite(self.computed):
-            return f"In print {self.in_print}{unit}; nothing comes out: {self.because}."
-        text = f"In print {self.in_print}{unit}, computed {self.came_out}{unit}"
+            return f"{claimed}; nothing comes out: {self.because}."
+        text = f"{claimed}, computed {self.came_out}{unit}"
         if self.off == 0 and self.claim.relation != "=":
             text += ", as claimed"
         elif self.uncertainty > 0:
@@ -114,9 +126,14 @@ class Finding:
 
     @property
     def in_print(self) -> str:
-        """The printed number as text, with its relation."""
+        """The printed number as text, with its relation; a dash where the source prints none."""
+        return "—" if self.claim.printed is None else self.expectation
+
+    @property
+    def expectation(self) -> str:
+        """The number that the claim stands for as text, with its relation."""
         relation = "" if self.claim.relation == "=" else f"{self.claim.relation} "
-        return relation + shown(self.claim.printed, self.claim.digits)
+        return relation + shown(self.claim.expected, self.claim.digits)
 
     @property
     def came_out(self) -> str:
@@ -127,8 +144,8 @@ class Finding:
         return shown(self.computed, min(digits, max(self.claim.digits, 3)))
 
 
-def distance(printed: float, computed: float, uncertainty: float, relation: Relation) -> float:
-    """Return |printed − computed| in uncertainties, counted only against the relation.
+def distance(expected: float, computed: float, uncertainty: float, relation: Relation) -> float:
+    """Return |expected − computed| in uncertainties, counted only against the relation.
 
     Examples
     --------
@@ -141,7 +158,7 @@ def distance(printed: float, computed: float, uncertainty: float, relation: Rela
     """
     if not isfinite(computed):
         return inf
-    miss = computed - printed
+    miss = computed - expected
     if (relation == "≤" and miss <= 0) or (relation == "≥" and miss >= 0) or miss == 0:
         return 0.0
     return abs(miss) / uncertainty if uncertainty > 0 else inf

@@ -37,6 +37,10 @@ from inercal.sensors import Sensor
 from inercal.uncertainty import propagate
 
 Array = NDArray[np.float64]
+SIGNS = (
+    "norms do not tell a reversed axis, whose k0 and k2 only change sign, nor two axes exchanged: "
+    "compare the sign of each axis with its attitude in one dwell"
+)
 
 
 def ml(
@@ -69,7 +73,9 @@ def ml(
     estimate = least_squares(problem(observations, sensor, bench, steps, priors))
     require_observed(estimate, sensor, missing=())
     notes = [_seen(estimate)]
-    if bench.indexing is not None and observations.mean.ndim == 2:
+    if bench.indexing is None:
+        notes.append(SIGNS)
+    elif observations.mean.ndim == 2:
         notes.append(_gained(estimate, observations, sensor, bench, steps, priors))
     return replace(estimate, notes=(*notes, *estimate.notes))
 
@@ -84,7 +90,8 @@ def _gained(
 ) -> str:
     """Say what the attitudes bring beside norms, by the uncertainties as modelled."""
     try:
-        alone = least_squares(by_norm(observations, sensor, bench, steps, priors))
+        norms = by_norm(observations, sensor, bench, steps, priors)
+        alone = least_squares(replace(norms, candidates=None))
         require_observed(alone, sensor, missing=())
     except NotObserved as error:
         return f"the attitudes tell what norms alone leave open: {'; '.join(error.directions)}"
@@ -208,7 +215,7 @@ def _closed(
             f"{', '.join(lost)}, whose square root it takes; use series or ml"
         )
     return with_tests(
-        Estimate.of_formulas(sensor.coefficients, value, spread, singular, (NOISE_ALONE,)),
+        Estimate.of_formulas(sensor.coefficients, value, spread, singular, (NOISE_ALONE, SIGNS)),
         problem(observations, sensor, bench, steps),
         by_norm_exact(observations, sensor, bench, steps),
     )

@@ -7,21 +7,29 @@ Visual Reconstruction, chapter 7), so that rows that agree with one another take
 fixed threshold does not: wrong rows bend the fit, and good ones look bad.
 
 Each row that is left out is tried with one change at a time: the sign of an entry, two entries
-exchanged, then one digit of an entry or two neighbouring digits exchanged. The first kind that
-brings the row within its noise is named. Nothing is applied: what was written is for the person
-who has the original.
+exchanged, the decimal point of an entry shifted by one place, then one digit of an entry or two
+neighbouring digits exchanged. The first kind that brings the row within its noise is named. Nothing
+is applied: what was written is for the person who has the original.
+
+A row is a suspect where its residual is too large for the largest of as many as there are: the
+score test of a single row in `inercal.methods.candidates` says the same of it.
 """
+# SciPy has no stubs.
+# pyright: reportMissingTypeStubs=false
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
 from inercal.benches.centrifuge import Centrifuge
 from inercal.errors import InputError
-from inercal.estimate import Cauchy, Gaussian, Problem, least_squares
+from inercal.estimate import Cauchy, Estimate, Gaussian, Problem, least_squares
+from inercal.estimate.scores import LEVEL
 from inercal.methods.centrifuge_norm.problems import by_norm
 from inercal.plan import Spin
 from inercal.recording import Observations
@@ -29,18 +37,26 @@ from inercal.sensors import Sensor
 
 Array = NDArray[np.float64]
 _END = 1.5  # threshold of the loss at the end, in deviations
-_STEPS = 60
-_SUSPECT = 6.0  # deviations
-_REPAIRED = 4.0
+_STEPS, _STEPS_BETWEEN = 30, 5  # at the last threshold and at those on the way
+_REPAIRED = 4.0  # deviations, and no more than half of those without the repair
+_MANY = 4  # repairs of a row; more are not listed
 _HOPELESS = 1e3  # times the stated noise
 _NORMAL = 1.4826  # deviations per median of |u|
+
+
+_WORDS = {
+    "sign": "sign of",
+    "exchange": "exchange of",
+    "decimal": "decimal point of",
+    "digit": "digit of",
+}
 
 
 @dataclass(frozen=True)
 class Repair:
     """One change of a row: entries before and after, output units, by axis."""
 
-    kind: str  # "sign", "exchange" or "digit"
+    kind: str  # "sign", "exchange", "decimal" or "digit"
     before: dict[str, float]
     after: dict[str, float]
 
@@ -48,8 +64,7 @@ class Repair:
         """Return the change: "sign of az: 0.743943 → −0.743943"."""
         names = " and ".join(self.before)
         pairs = [f"{self.before[a]:.9g} → {self.after[a]:.9g}" for a in self.before]
-        what = {"sign": "sign of", "exchange": "exchange of", "digit": "digit of"}[self.kind]
-        return f"{what} {names}: {', '.join(pairs)}".replace("-", "−")
+        return f"{_WORDS[self.kind]} {names}: {', '.join(pairs)}".replace("-", "−")
 
 
 @dataclass(frozen=True)
@@ -79,6 +94,9 @@ class Suspect:
         text = f"{self.label}: norm off by {abs(self.residual):.3g} m/s²"
         if not self.repairs:
             return f"{text}; no single change repairs it"
+        if len(self.repairs) > _MANY:
+            kind = _WORDS[self.repairs[0].kind].removesuffix(" of")
+            return f"{text}; {len(self.repairs)} changes of a single {kind} repair it"
         return f"{text}; {' or '.join(repair.in_words() for repair in self.repairs)} repairs it"
 
 
@@ -88,6 +106,7 @@ def screen(
     bench: Centrifuge,
     steps: Sequence[Spin],
     priors: Sequence[Gaussian] = (),
+    found: "Agreement | None" = None,
 ) -> tuple[Suspect, ...]:
     """Return the rows that violate the norm, in their order.
 
@@ -95,6 +114,8 @@ def screen(
     ----------
     observations, sensor, bench, steps, priors
         Of `inercal.methods.centrifuge_norm.ml`.
+    found : Agreement, optional
+        Of these rows, where it is known.
 
     Raises
     ------
@@ -105,17 +126,10 @@ def screen(
     """
     if observations.mean.ndim != 2:
         raise InputError("rows are screened in one table at a time")
-    asked = _row_by_row(by_norm(observations, sensor, bench, steps, priors))
-    fit = least_squares(asked)
-    scale = float(np.abs(fit.whitened).max())
-    noise = 1.0
-    while scale > _END * noise:
-        scale = max(scale / 2, _END * noise)
-        fit = least_squares(replace(asked, start=fit.value), Cauchy(scale), _STEPS)
-        # Noise that is stated too small must not make every row a suspect.
-        noise = max(1.0, _NORMAL * float(np.median(np.abs(fit.whitened))))
-    bad = np.flatnonzero(np.abs(fit.whitened) > _SUSPECT * noise)
-    if noise > _HOPELESS or 2 * len(bad) >= len(steps):
+    found = found or agreement(by_norm(observations, sensor, bench, steps, priors))
+    fit, noise = found.fit, found.noise
+    bad: list[int] = found.outlying.tolist()
+    if found.hopeless:
         raise InputError(
             f"the rows agree with no norm ({len(bad)} of {len(steps)} stand out, the others "
             f"scatter {noise:.3g} times as much as stated): look at the rates, the radius and the "
@@ -142,7 +156,7 @@ def screen(
         return np.abs(residual) / np.sqrt(own**2 + spread)
 
     suspects: list[Suspect] = []
-    for k in bad.tolist():
+    for k in bad:
         written = sensor.to_output(observations.mean[k])
         repairs: tuple[Repair, ...] = ()
         for changes in _changes(written, sensor.channels):
@@ -150,7 +164,9 @@ def screen(
             for row, change in zip(after, changes, strict=True):
                 for axis, value in change.after.items():
                     row[sensor.channels.index(axis)] = value
-            near = misses(sensor.to_si(after), k) < _REPAIRED
+            near = misses(sensor.to_si(after), k) < min(
+                _REPAIRED, abs(float(fit.whitened[k])) / noise / 2
+            )
             repairs = tuple(c for c, good in zip(changes, near.tolist(), strict=True) if good)
             if repairs:
                 break
@@ -164,6 +180,36 @@ def screen(
             )
         )
     return tuple(suspects)
+
+
+class Agreement(NamedTuple):
+    """How far rows agree with one another: a robust fit, and what scatters about it."""
+
+    fit: Estimate
+    noise: float  # scatter of most rows over what is stated, 1 or more
+    outlying: NDArray[np.intp]  # rows whose residual is too large to be the largest of all
+
+    @property
+    def hopeless(self) -> bool:
+        """Whether the rows agree with no norm."""
+        return self.noise > _HOPELESS or 2 * len(self.outlying) >= len(self.fit.whitened)
+
+
+def agreement(asked: Problem) -> Agreement:
+    """Return how far the rows of a problem of norms agree, one bad row not tainting others."""
+    asked = replace(_row_by_row(asked), candidates=None)
+    fit = least_squares(asked)
+    scale = float(np.abs(fit.whitened).max())
+    noise = 1.0
+    while scale > _END * noise:
+        last = scale / 2 <= _END * noise
+        scale = max(scale / 2, _END * noise)
+        steps = _STEPS if last else _STEPS_BETWEEN
+        fit = least_squares(replace(asked, start=fit.value), Cauchy(scale), steps)
+        # Noise that is stated too small must not make every row a suspect.
+        noise = max(1.0, _NORMAL * float(np.median(np.abs(fit.whitened))))
+    limit = -float(ndtri(LEVEL / 4 / len(fit.whitened)))  # half of the level, both signs
+    return Agreement(fit, noise, np.flatnonzero(np.abs(fit.whitened) > limit * noise))
 
 
 def _row_by_row(asked: Problem) -> Problem:
@@ -187,6 +233,12 @@ def _changes(written: Array, channels: Sequence[str]) -> Iterator[list[Repair]]:
         Repair("exchange", {a: named[a], b: named[b]}, {a: named[b], b: named[a]})
         for a, b in combinations(channels, 2)
         if named[a] != named[b]
+    ]
+    yield [
+        Repair("decimal", {a: v}, {a: float(f"{v * factor:.9g}")})
+        for a, v in named.items()
+        for factor in (10.0, 0.1)
+        if v
     ]
     yield [Repair("digit", {a: v}, {a: other}) for a, v in named.items() for other in _digits(v)]
 

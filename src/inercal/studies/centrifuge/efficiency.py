@@ -27,7 +27,7 @@ TERMS = 13
 _SINGULAR = 1e-10
 
 ENOUGH = Claim("N ≥ 4n + 2 = 54 positions determine 13 terms: rank at N = 60",
-               "before (15)", float(TERMS), "", "≥")  # fmt: skip
+               "before (15)", float(TERMS), "", "≥", basis="words")  # fmt: skip
 NEEDED = Claim("at least 54 positions are needed for 13 terms", "before (15)", 54.0, "", "≥")
 
 

@@ -47,7 +47,7 @@ class Tried:
     def finding(self) -> Finding:
         """The finding: as printed against the truth."""
         left = max(abs(self.mended - self.true), abs(self.true) * 2.0**-52)
-        claim = Claim(self.what, self.equation, self.printed, self.unit)
+        claim = Claim(self.what, self.equation, self.printed, self.unit, basis="derived")
         return judge(claim, self.true, left, self.because)
 
 

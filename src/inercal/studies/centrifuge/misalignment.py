@@ -39,12 +39,20 @@ SMALL = tuple(
           "Abstract, Fig. 4", 1e-8, UNITS[q], "≤", last_digit=1e-8)
     for q in "SbD"
 )  # fmt: skip
-FIRST = Claim("scale factors suffer more than biases: |ΔS| over |Δb|", "Fig. 4", 1.0, "", "≥")
-SECOND = Claim("biases suffer more than D: |Δb| over |ΔD|", "Fig. 4", 1.0, "", "≥")
+FIRST = Claim("scale factors suffer more than biases: |ΔS| over |Δb|", "Fig. 4", 1.0, "", "≥",
+              basis="words")  # fmt: skip
+SECOND = Claim("biases suffer more than D: |Δb| over |ΔD|", "Fig. 4", 1.0, "", "≥",
+               basis="words")  # fmt: skip
 GROWS = Claim("the errors grow with the angle: their least growth between two angles",
-              "Fig. 4", 0.0, "", "≥")  # fmt: skip
+              "Fig. 4", 0.0, "", "≥", basis="words")  # fmt: skip
 MAINLY = Claim(
-    "misalignments act mainly on C11 to C13: their share", "(23)", 0.5, "", "≥", last_digit=0.1
+    "misalignments act mainly on C11 to C13: their share",
+    "(23)",
+    0.5,
+    "",
+    "≥",
+    last_digit=0.1,
+    basis="words",
 )
 
 

@@ -19,13 +19,23 @@ _PLACE = 1e-6  # V, one unit in the last printed place
 _THRESHOLD, _SUSPECT = 2.385, 6.0  # deviations; 2.385: 95 % efficient for normal noise
 _SLIP = _PLACE  # the last digit may be cut or rounded
 
-SIGNS = Claim("all 180 entries are those of the design", "Table 1", 180.0, "entries")
+SIGNS = Claim("all 180 entries are those of the design", "Table 1", 180.0, "entries",
+              basis="words")  # fmt: skip
 REPAIRED = Claim(
-    "180 entries of the design, once the screening's repairs are made", "Table 1", 180.0, "entries"
+    "180 entries of the design, once the screening's repairs are made",
+    "Table 1",
+    180.0,
+    "entries",
+    basis="words",
 )
 NOISE = Claim("measured with noise of 10⁻⁵ V", "Section 5, Table 1", 1e-5, "V")
 POSITIVE = Claim(
-    "the input force is positive, which chooses the root", "(10)", 0.0, "g", relation="≥"
+    "the input force is positive, which chooses the root",
+    "(10)",
+    0.0,
+    "g",
+    relation="≥",
+    basis="words",
 )
 
 

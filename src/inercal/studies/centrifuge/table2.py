@@ -52,7 +52,7 @@ def claim(entry: Entry) -> Claim:
     accuracy = abs(entry.value / TRUTH.values[entry.place] - 1)
     return Claim(
         f"{entry.name} right to {shown(accuracy)} of itself", "Table 2, (21)", accuracy,
-        relation="≤", kind="result",
+        relation="≤", kind="result", basis="derived",
     )  # fmt: skip
 
 

@@ -22,7 +22,8 @@ ERROR = Claim(
     "to the second order the force is right to 10⁻⁴", "(11)", 1e-4, "g", "≤", last_digit=1e-4
 )
 # Judged in powers of ten: "of the order of" is right within half of one.
-SIZE = Claim("D²S⁻⁴N⁴ is of order 10⁻⁴, as its power of ten", "(12)", -4.0, last_digit=1.0)
+SIZE = Claim("D²S⁻⁴N⁴ is of order 10⁻⁴, as its power of ten", "(12)", -4.0, last_digit=1.0,
+             basis="derived")  # fmt: skip
 
 
 def root(u: Array, bend: Array, order: int | None) -> Array:

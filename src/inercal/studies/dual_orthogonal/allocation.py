@@ -46,7 +46,8 @@ IN_ALL = Claim("K0 to 0.3 µg (1σ) in all", "error budget", BUDGET, "µg", "≤
 TILTING = Claim(f"K0 to 0.3 µg (1σ) in all, the base tilting by {PIER:g}″", "error budget", BUDGET,
                 "µg", "≤", "result", 0.1)  # fmt: skip
 LEANING = Claim("turns about the level axis across the spindle are of higher order",
-                "error budget", BUDGET, "µg", "≤", last_digit=0.1)  # fmt: skip
+                "error budget", BUDGET, "µg", "≤", last_digit=0.1,
+                basis="words")  # fmt: skip
 
 
 @dataclass(frozen=True)

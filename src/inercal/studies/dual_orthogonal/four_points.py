@@ -28,7 +28,8 @@ DRIFT = 0.1  # ″, of the base between the members of a pair
 
 FIRST = Claim("k1 to 1 µg by sums and differences, mounting angles of 300″ (1σ)", "step 4", 1.0,
               "µg", "≤")  # fmt: skip
-CARRIED = Claim("K0 from up and down carries K2 in full: share", "embodiment 1", 1.0)
+CARRIED = Claim("K0 from up and down carries K2 in full: share", "embodiment 1", 1.0,
+                basis="words")  # fmt: skip
 
 
 def gains(mounting: float, trials: int, seed: int) -> tuple[Array, Array]:

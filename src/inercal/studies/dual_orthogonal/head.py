@@ -15,7 +15,7 @@ HEADS = (0.5, 1.0, 3.0, 10.0)  # ″ rms
 SHOWN = ("single", "dual, Bayes", "patent", "joint", FACES)
 
 FREE = Claim("the head's error is eliminated: RMS of K0 with a head of 10″ over that with none",
-             "abstract", 1.0)  # fmt: skip
+             "abstract", 1.0, basis="words")  # fmt: skip
 ALONE = Claim("one accelerometer by itself misses 1 µg for the head: K0", "background", 1.0, "µg",
               "≥")  # fmt: skip
 

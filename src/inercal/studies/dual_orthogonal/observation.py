@@ -33,9 +33,16 @@ HARMONICS = ("1", "sin θ", "cos θ", "sin 2θ", "cos 2θ", "sin 3θ", "cos 3θ"
 SHOWN = ("dual, Bayes", "patent", "joint", FACES)
 _SINGULAR = 1e-10
 
-DEPENDENT = Claim("combinations that g² leaves open, K3 known", "(4)", 2.0)
+DEPENDENT = Claim("combinations that g² leaves open, K3 known", "(4)", 2.0, basis="derived")
 PRODUCTS, LARGE_PRODUCTS = (
-    Claim(f"products of coefficients are neglected in g² at 1 µg: {words}", "(3)", 1.0, "µg", "≤")
+    Claim(
+        f"products of coefficients are neglected in g² at 1 µg: {words}",
+        "(3)",
+        1.0,
+        "µg",
+        "≤",
+        basis="words",
+    )
     for words in ("K0 300 µg, k1 200 ppm, δ 100″", "K0 1 mg, k1 1000 ppm, δ 300″")
 )
 

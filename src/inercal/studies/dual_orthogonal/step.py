@@ -30,9 +30,12 @@ BEST = 12
 _OF_DUAL = 8  # one trial of dual for so many: at eight positions they go one by one
 _SHOWN = 1.0  # µg, the most in the chart
 
-RANGE = Claim("even steps from 20° to 40° that serve as they are", "claim 3", float(len(WITHIN)))
+FINEST, COARSEST = (
+    Claim(f"{words} even step of 20° to 40° that serves as it is", "claim 3", degrees, "°")
+    for words, degrees in (("finest", 20.0), ("coarsest", 40.0))
+)
 EACH, TOTAL = (
-    Claim(f"30° is best: its RMS over the least of other steps, {words}", "claim 4", 1.0, "", "≤")
+    Claim(f"the best step, {words}", "claim 4", 360 / BEST, "°")
     for words in ("as many readings at each position", "as many readings in all")
 )
 
@@ -115,6 +118,19 @@ def over_the_rest(by_count: Mapping[int, Array | None]) -> tuple[Rms, int]:
     return ratio(here, others[n]), n
 
 
+def best_step(by_count: Mapping[int, Array | None]) -> tuple[float, float, str]:
+    """Return the step with the least RMS, °, its standard uncertainty, and the reason.
+
+    Where another step is better than 30°, the two are as many uncertainties apart as their ratio of
+    RMS is from one: the Monte Carlo error may make a step the best that is not.
+    """
+    over, n = over_the_rest(by_count)
+    words = f"RMS at 30° over that at {360 / n:g}° is {over.value:.3f} ± {over.u:.3f} (k = 1)"
+    if over.value <= 1:
+        return 360 / BEST, 0.0, words
+    return 360 / n, abs(360 / BEST - 360 / n) * over.u / (over.value - 1), words
+
+
 def section(trials: int, seed: int) -> Section:
     """Return the section of the step."""
     found = steps(trials, seed)
@@ -122,21 +138,20 @@ def section(trials: int, seed: int) -> Section:
         [n for n in WITHIN if error("patent", plan(n), 20, seed) is not None]
         for plan in (positions, with_cardinals)
     )
+    why = (
+        f"{len(serving)} of {len(WITHIN)} even steps serve: the four points are among "
+        f"{' and '.join(map(str, serving))} positions alone; with the cardinal ones added "
+        f"{len(helped)} serve"
+    )
     findings = [
-        judge(
-            RANGE, len(serving), 0.0,
-            f"the four points are among {' and '.join(map(str, serving))} positions; with "
-            f"the cardinal ones added {len(helped)} steps serve",
-        )
-    ]  # fmt: skip
+        judge(claim, 360 / n, 0.0, why)
+        for claim, n in ((FINEST, max(serving)), (COARSEST, min(serving)))
+    ]
     for claim, which in ((EACH, "each"), (TOTAL, "total")):
         added = {s.n: (s.each if which == "each" else s.total)[_ADDED] for s in found}
-        over, n = over_the_rest(added)
-        findings.append(
-            judge(claim, over.value, over.u,
-                  f"the best other step is {360 / n:g}°; cardinal positions are added where a step "
-                  "lacks them")
-        )  # fmt: skip
+        at, u, words = best_step(added)
+        text = f"{words}; cardinal positions are added where a step lacks them"
+        findings.append(judge(claim, at, u, text))
     finer, here = found[-1], next(s for s in found if s.n == BEST)
     full = next(s.n for s in found if s.rank == max(t.rank for t in found))
     fewest = next(s.n for s in found if s.each["patent"] is not None)

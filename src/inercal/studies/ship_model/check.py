@@ -20,7 +20,7 @@ _ACROSS = 100  # devices at a time
 _SEEN = 10.0  # s in the chart
 OF_FORCE, OF_HEAVE = (
     Claim("damped is accurate enough for model tests, taken as the goal of 5 %: rms error of the "
-          f"worst axis in irregular waves over {words}", "abstract", 5.0, "%", "≤")
+          f"worst axis in irregular waves over {words}", "abstract", 5.0, "%", "≤", basis="words")
     for words in ("1 g", "the heave acceleration")
 )  # fmt: skip
 

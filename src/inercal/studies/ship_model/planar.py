@@ -26,11 +26,12 @@ from inercal.studies.ship_model.experiment import (
 
 Array = NDArray[np.float64]
 ITSELF = Claim("the deviation at the calibrated states proves it accurate: rms error on fresh "
-               "poses over that deviation", "conclusion 1", 1.0, "", "≤")  # fmt: skip
+               "poses over that deviation", "conclusion 1", 1.0, "", "≤",
+               basis="words")  # fmt: skip
 GROWS = Claim("planar errs more in tilted poses: its norm error there over that at its own states",
-              "conclusion 2", 1.0, "", "≥")  # fmt: skip
+              "conclusion 2", 1.0, "", "≥", basis="words")  # fmt: skip
 COUPLING = Claim("that is for want of the axes' coupling: share of it that exact mountings leave",
-                 "conclusion 2", 1.0)  # fmt: skip
+                 "conclusion 2", 1.0, basis="words")  # fmt: skip
 _SHOWN = (NONE, "planar", "joint")
 
 

@@ -24,11 +24,11 @@ PLANS: dict[str, tuple[Reading, About]] = {
     "dihedral, other tilts about the radial axis": ("dihedral", "radial"),
 }
 ALWAYS = Claim("the equations are always short of column rank: the largest of any reading",
-               "section 3.2", 11.0, "", "≤")  # fmt: skip
+               "section 3.2", 11.0, "", "≤", basis="words")  # fmt: skip
 ENOUGH = Claim("twelve groups or more for twelve coefficients: rank of sixteen", "section 3.2",
-               12.0)  # fmt: skip
+               12.0, basis="words")  # fmt: skip
 DATUM = Claim("for want of a datum: null directions that are no rotation, two tilts as dihedral "
-              "angles", "section 3.2", 0.0)  # fmt: skip
+              "angles", "section 3.2", 0.0, basis="words")  # fmt: skip
 
 
 class Told(NamedTuple):

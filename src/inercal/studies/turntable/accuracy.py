@@ -117,7 +117,7 @@ def _printed(one: Rms, of: str, kind: str) -> Rms:
 
 def _relative(one: Score, of: str) -> list[float]:
     claims = OF_GYROS if of == "g" else OF_ACCELEROMETERS
-    return [_printed(one.worst[k], of, k).value / claims[k].printed for k in KINDS]
+    return [_printed(one.worst[k], of, k).value / claims[k].expected for k in KINDS]
 
 
 def _chart(found: Trials) -> Chart:

@@ -14,9 +14,9 @@ SHORT = Claim("the path with its warm-up takes half an hour", _WHERE, 30.0, "min
 LONG = Claim("the traditional procedure takes three hours", _WHERE, 180.0, "min", "≥", "result")
 AS_GOOD = {
     "g": Claim("gyro misalignment over that of the traditional procedure", _WHERE, 1.0,
-               "", "≤"),
+               "", "≤", basis="words"),
     "a": Claim("accelerometer misalignment over that of the traditional procedure",
-               _WHERE, 1.0, "", "≤"),
+               _WHERE, 1.0, "", "≤", basis="words"),
 }  # fmt: skip
 _PATHS = {"paper": paper, "fast": fast, "discrete": discrete}
 

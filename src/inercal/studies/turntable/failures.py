@@ -22,7 +22,7 @@ _PROCEDURE, _MODEL = "procedure, step 4", "equation 2"
 FED_BACK = Claim("attitudes are subtracted, nothing is fed back: gyro misalignment", _PROCEDURE,
                  ANGLES, "″", "≤")  # fmt: skip
 ENDS = Claim("attitudes are compared after each turn: gyro coefficients decided", _PROCEDURE, 12.0,
-             "", "≥")  # fmt: skip
+             "", "≥", basis="words")  # fmt: skip
 ENOUGH = Claim("twelve coefficients are enough at 10 °/h/g: gyro misalignment", _MODEL, ANGLES, "″",
                "≤")  # fmt: skip
 ON_TIME = Claim(f"the table's attitude is taken as it comes, {LATE / 1e-3:g} ms late: gyro "

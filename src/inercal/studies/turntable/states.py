@@ -13,9 +13,9 @@ from inercal.studies.turntable.trials import BOTH_WAYS, BY_STEPS, Trials
 
 KNOW = {
     "g": Claim("15 states err by what they state: NEES a coefficient", "equations 10 to 19", 1.0,
-               "", "≤"),
+               "", "≤", basis="words"),
     "a": Claim("18 states err by what they state: NEES a coefficient", "equations 20 to 27", 1.0,
-               "", "≤"),
+               "", "≤", basis="words"),
 }  # fmt: skip
 _UNITS = {
     "g": {"bias": "°/min", "scale": "ppm", "misalignment": "″"},
