@@ -63,6 +63,13 @@ def test_channels_that_stand_still_in_float_are_no_measure_of_a_move():
     assert require_still(recording(data), SENSOR, MARKS) == ()
 
 
+@pytest.mark.parametrize("drift", [2e-3, 20e-3])
+def test_a_drift_common_to_all_rests_is_no_move(drift: float):
+    data = session(3, 0.01 * QUIET)
+    data[:, 1] += drift * np.linspace(0, 1, len(data))
+    assert require_still(recording(data), SENSOR, MARKS) == ()
+
+
 def test_a_change_of_two_steps_of_a_coarse_channel_is_no_move():
     data = np.round(session(4, 0.02 * QUIET) / 4e-3) * 4e-3
     data[2 * N + 300 : 2 * N + 700, 1] += 8e-3

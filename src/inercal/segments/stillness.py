@@ -3,11 +3,12 @@
 A section is cut into ten blocks. It moves where the means of its blocks, in some channel, range
 over more than what noise, quantisation and slow changes of a sensor at rest make:
 
-    ptp(means) > max(20 s, 10 s₁/√n, min(10 s₁, 100 s), 2.5 q, floor)
+    ptp(means) > max(20 s, 10 s₁/√n, min(10 s₁, 100 s), 3 r, 2.5 q, floor)
 
 with s₁ the scatter within the section's own blocks of n samples (their median), s the median of s₁
-over all sections and q the channel's smallest step. White noise keeps the range below 5 s₁/√n
-however large it is, and noise correlated over a whole block below 5 s₁.
+over all sections, r the median of the range over them (a drift common to all is no move) and q the
+channel's smallest step. White noise keeps the range below 5 s₁/√n however large it is, and noise
+correlated over a whole block below 5 s₁.
 """
 
 from collections.abc import Collection, Sequence
@@ -25,6 +26,7 @@ _BLOCKS = 10
 _USUAL = 20.0  # a step of so many scatters half-way adds ten times the variance of noise squared
 _OWN = 10.0
 _LARGE = 100.0  # usual scatters; no noise of one position is so much larger than all others'
+_COMMON, _ENOUGH = 3.0, 4  # times the usual range, where so many sections show what is usual
 _QUANTA = 2.5
 # Changes below these are no move, however quiet the sensor: 0.1 mrad of tilt, 2 °/h.
 _FLOOR = {"f": 1e-4 * G0, "w": 1e-5}
@@ -83,6 +85,8 @@ def require_still(
     ]
     limit = np.maximum(np.maximum(_USUAL * usual, fixed), _OWN * of_means)
     limit = np.maximum(limit, np.minimum(_OWN * own, _LARGE * usual))
+    if len(marks) >= _ENOUGH:
+        limit = np.maximum(limit, _COMMON * np.median(reach, axis=0))
     findings: list[Finding] = []
     refused: list[tuple[float, str]] = []
     for mark, changes, most in zip(marks, reach, limit, strict=True):
