@@ -77,6 +77,7 @@ def verdict(
         "scale is wrong"
         for name, scale in scales.items()
     ]
+    lines += _unseen(estimate, expected)
     lines += estimate.notes
     lines += [f.message for f in findings if f.severity == "warning"]
     return verdict_of(estimate, assessment, findings, tuple(scales), tuple(lines))
@@ -261,6 +262,37 @@ def _line(sensor: Sensor, full: str) -> Coefficient:
     axis, _, short = full.partition(".")
     measures = next(a.measures for a in sensor.axes if a.name == axis)
     return next(line for line in TABLES[measures] if line.name == short)
+
+
+def _unseen(estimate: Estimate, expected: Mapping[str, Parameter]) -> list[str]:
+    """Name what the calibration leaves out that no test of these data can see, and U cannot hold."""
+    scores = estimate.scored.scores
+    seen = {name for one in scores if one.dof for name in one.components}
+    unseen = [
+        one.name
+        for one in scores
+        if not one.dof and one.kind == "coefficient" and not seen & set(one.components)
+    ]
+    families = [name for name in unseen if "." not in name] or unseen
+    exact = [
+        one.name
+        for one in scores
+        if not one.dof
+        and one.kind == "bench"
+        and all(name in expected and expected[name].sd == 0 for name in one.components)
+    ]
+    lines: list[str] = []
+    if families:
+        lines.append(
+            f"these data cannot show {', '.join(families)}: what the sensor has of it is in other "
+            "coefficients and not in U"
+        )
+    if exact:
+        lines.append(
+            f"these data cannot show an error of {', '.join(exact)}, which the run file states as "
+            "exact: state its uncertainty"
+        )
+    return lines
 
 
 def _row(assessment: Assessment, row_word: str) -> list[str]:
