@@ -265,7 +265,7 @@ def _line(sensor: Sensor, full: str) -> Coefficient:
 
 
 def _unseen(estimate: Estimate, expected: Mapping[str, Parameter]) -> list[str]:
-    """Name what the calibration leaves out that no test of these data can see, and U cannot hold."""
+    """Name what the calibration leaves out and no test of these data can see: U lacks it."""
     scores = estimate.scored.scores
     seen = {name for one in scores if one.dof for name in one.components}
     unseen = [
