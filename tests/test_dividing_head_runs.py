@@ -37,7 +37,7 @@ scale = "3 V/g"
 
 [bench]
 kind = "dividing_head"
-gravity = "9.80665 m/s²"
+gravity = "9.80665 m/s² ± 0"
 harmonics = ["1.897 ″", "1.643 ″"]
 division = "1.643 ″"
 autocollimation = "pairs"
@@ -58,6 +58,7 @@ sd.accelerometer = "0.2 µg"
 [method]
 name = "dual_orthogonal"
 """
+OWN_ANGLE = ('harmonics = ["1.897 ″", "1.643 ″"]\n', 'division = "1.643 ″"\n')
 PRIORS = """
 [method.prior]
 "a.kip" = "0 ± 20 µg/g²"
@@ -109,6 +110,16 @@ def run_file(folder: Path, *changes: tuple[str, str], more: str = PRIORS) -> Pat
     return path
 
 
+def collimated_as(kind: str) -> tuple[tuple[str, str], ...]:
+    """Return the changes of RUN to another autocollimation, without the keys that idle with it."""
+    change = ('autocollimation = "pairs"', f'autocollimation = "{kind}"')
+    if kind == "every":
+        return (change, *((line, "") for line in OWN_ANGLE))
+    if kind == "none":
+        return (change, ('autocollimator = "0.1 ″"\ncertificate = "0 ″"\n', ""))
+    return (change,)
+
+
 def nees(outcome: Outcome, error: Array) -> float:
     return float(error @ np.linalg.solve(outcome.calibration.covariance, error)) / error.size
 
@@ -121,8 +132,7 @@ def test_tables_of_another_program_give_the_truth_as_well_as_stated(
     for seed in range(1, 31):
         table = Table(seed, collimated=collimated)
         table.write(tmp_path)
-        change = ('autocollimation = "pairs"', f'autocollimation = "{collimated}"')
-        outcome = calibrate(run_file(tmp_path, change))
+        outcome = calibrate(run_file(tmp_path, *collimated_as(collimated)))
         found.append(nees(outcome, table.error(outcome)))
         assert outcome.estimate.chi2 < 2 * outcome.estimate.dof
     assert np.mean(found) == pytest.approx(1, abs=4 * np.sqrt(2 / 12 / len(found)))
@@ -171,7 +181,7 @@ def test_one_accelerometer_alone_is_as_good_as_the_head(tmp_path: Path):
     table.write(tmp_path)
     alone = (
         ('["A", "B"]', '["A"]'),
-        ('autocollimation = "pairs"', 'autocollimation = "none"'),
+        *collimated_as("none"),
     )
     outcome = calibrate(run_file(tmp_path, *alone, more=""))
     error = table.error(outcome)
@@ -200,7 +210,8 @@ def test_what_level_and_autocollimator_read_is_taken_out(tmp_path: Path):
     rows = "\n".join(f"{k},{x!r}" for k, x in enumerate((faces / ARCSEC).tolist(), start=1))
     (tmp_path / "polygon.csv").write_text(f"face,deviation\n{rows}\n", encoding="utf-8")
     told = (
-        ('autocollimation = "pairs"', 'autocollimation = "every"\npolygon = "polygon.csv"'),
+        *collimated_as("every"),
+        ('base = "5 ″"', 'base = "5 ″"\npolygon = "polygon.csv"'),
         (
             'angle = "angle"',
             'angle = "angle"\nlevel = "tilt"\nlevel_unit = "µrad"\nautocollimator = "read"',
@@ -218,7 +229,7 @@ def test_what_level_and_autocollimator_read_is_taken_out(tmp_path: Path):
     by_formulas = calibrate(run_file(tmp_path, *told, patent, more=known))
     k0 = [by_formulas.calibration.value(f"{axis}.k0") - table.true(f"{axis}.k0") for axis in "ab"]
     assert max(map(abs, k0)) < 0.03e-6 * G0
-    silent = calibrate(run_file(tmp_path, told[0], more=""))
+    silent = calibrate(run_file(tmp_path, *told[:-1], more=""))
     assert silent.estimate.chi2 > 100 * silent.estimate.dof
 
 
@@ -316,7 +327,7 @@ def test_seven_positions_and_fewer_are_refused(tmp_path: Path, n: int):
     Table(n=n, collimated="none").write(tmp_path)
     for estimator in ("joint", "dual"):
         changes = (
-            ('autocollimation = "pairs"', 'autocollimation = "none"'),
+            *collimated_as("none"),
             ('name = "dual_orthogonal"', f'name = "dual_orthogonal"\nestimator = "{estimator}"'),
         )
         words = f"{n} different positions show {n} of the 8 .*take 8 or more"
@@ -346,8 +357,8 @@ def test_patent_refuses_eight_positions(tmp_path: Path):
 def test_a_certificate_that_does_not_fit_is_refused(tmp_path: Path, text: str, words: str):
     Table(collimated="every").write(tmp_path)
     (tmp_path / "polygon.csv").write_text(text, encoding="utf-8")
-    change = ('autocollimation = "pairs"', 'autocollimation = "every"\npolygon = "polygon.csv"')
-    refused(run_file(tmp_path, change), words)
+    polygon = ('base = "5 ″"', 'base = "5 ″"\npolygon = "polygon.csv"')
+    refused(run_file(tmp_path, *collimated_as("every"), polygon), words)
 
 
 def test_a_reading_of_the_autocollimator_that_is_missing_is_refused(tmp_path: Path):
@@ -357,8 +368,10 @@ def test_a_reading_of_the_autocollimator_that_is_missing_is_refused(tmp_path: Pa
     table.columns["read"] = read
     table.write(tmp_path)
     column = ('angle = "angle"', 'angle = "angle"\nautocollimator = "read"')
-    every = ('autocollimation = "pairs"', 'autocollimation = "every"')
-    refused(run_file(tmp_path, column, every), "line 6: column 'read' holds no number; give what")
+    refused(
+        run_file(tmp_path, column, *collimated_as("every")),
+        "line 6: column 'read' holds no number; give what",
+    )
     assert calibrate(run_file(tmp_path, column)).estimate.converged  # 120° is in no pair
     read[6] = np.nan
     table.columns["read"] = read
@@ -518,12 +531,22 @@ def off(outcome: Outcome, path: Path) -> Array:
     return outcome.calibration.values - np.array([truth[name] for name in names])
 
 
+def of_pair(kind: str) -> tuple[tuple[str, str], ...]:
+    """Return the changes of the example to another autocollimation of the same head."""
+    if kind == "every":
+        return ()
+    head = 'harmonics = ["1.9 ″", "1.6 ″"]\ndivision = "1.6 ″"'
+    change = ('autocollimation = "every"', f'autocollimation = "{kind}"\n{head}')
+    if kind == "none":
+        return (change, ('autocollimator = "0.1 ″"\ncertificate = "0.05 ″"\n', ""))
+    return (change,)
+
+
 @pytest.mark.parametrize("kind", ["every", "pairs", "none"])
 def test_simulated_recordings_give_the_truth_as_well_as_stated(tmp_path: Path, kind: str):
     found: list[float] = []
     for seed in range(12):
-        change = ('autocollimation = "every"', f'autocollimation = "{kind}"')
-        path = recorded(tmp_path, change, seed=seed)
+        path = recorded(tmp_path, *of_pair(kind), seed=seed)
         outcome = calibrate(path)
         error = off(outcome, path)
         # Kip of the example is one of those that its prior expects, but always the same one.
@@ -577,8 +600,7 @@ def test_the_tumble_of_the_laboratory_gives_its_accelerometer(tmp_path: Path):
 def test_a_face_at_every_position_gains_what_the_page_says(tmp_path: Path):
     stated: list[tuple[float, float]] = []
     for kind in ("pairs", "every"):
-        change = ('autocollimation = "every"', f'autocollimation = "{kind}"')
-        known = calibrate(recorded(tmp_path, change)).calibration
+        known = calibrate(recorded(tmp_path, *of_pair(kind))).calibration
         stated.append((2e6 * known.uncertainty("a.k0") / G0, 2e6 * known.uncertainty("a.k1")))
     assert stated == [pytest.approx((0.63, 33), rel=0.02), pytest.approx((0.35, 0.93), rel=0.02)]
 

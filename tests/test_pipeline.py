@@ -98,6 +98,7 @@ def test_a_corrected_recording_is_close_to_what_was_felt(tmp_path: Path):
         ('tilt = "0.3 °"\nturn_a', 'tilt = "2 ″"\nturn_a'),
         ('turn_tilt = "0.3 °"', 'turn_tilt = "2 ″"'),
         ('turn_angle = "0.5 °"', 'turn_angle = "10 ″"'),
+        ('latitude = "47 °"', 'latitude = "47 ° ± 0.001 °"'),
         ('"100 µg/√Hz"', '"1 µg/√Hz"'),
         ('"0.3 °/√h"', '"0.001 °/√h"'),
         ('bias_instability = "8 °/h"\n', ""),
@@ -217,6 +218,7 @@ z_a,0.0330,0.0000,-1.0000
 OF_MEANS = (
     ('time = "time"\n', 'kind = "means"\nlabel = "position"\nsd = { accelerometer = "0.1 mg" }\n'),
     ('gravity = "9.81 m/s² ± 0.2 mm/s²"', 'gravity = "9.80665 m/s²"'),
+    ('white = "100 µg/√Hz"\n', ""),
 )
 
 
@@ -258,7 +260,7 @@ def test_means_without_a_stated_deviation_are_refused(tmp_path: Path):
     (tmp_path / "log.csv").write_text(MEANS, encoding="utf-8")
     changes = (
         ('time = "time"\n', 'kind = "means"\nlabel = "position"\n'),
-        OF_MEANS[1],
+        *OF_MEANS[1:],
     )
     with pytest.raises(InputError, match=r"\[data\.sd\] accelerometer is missing"):
         calibrate(run_file(tmp_path, SIX_POSITIONS, *changes))

@@ -86,7 +86,7 @@ def test_an_outer_readback_that_is_zero_elsewhere_is_an_azimuth(tmp_path: Path, 
 def test_a_gravity_that_is_not_the_latitudes_is_told(tmp_path: Path, made: Recording):
     run = unlike(tmp_path, made, ("9.80123 m/s²", "9.50123 m/s²"))
     said = warned(calibrate(run), "gravity")
-    assert said.startswith("gravity 9.50123 m/s² against 9.8 m/s² of the latitude")
+    assert said.startswith("gravity is stated as 9.50123 m/s²; normal gravity at 38° of latitude")
 
 
 @pytest.mark.parametrize(

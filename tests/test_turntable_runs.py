@@ -219,7 +219,7 @@ def test_a_table_that_never_rests_is_refused(tmp_path: Path):
         ('"middle", "inner"]', '"middle", "tilt"]', "no column 'tilt'|'tilt'"),
         ('"middle", "inner"]', '"middle", "gx"]', "names column 'gx' for two things"),
         ("[method]", 'table_unit = "g"\n\n[method]', r"\[data\] table_unit"),
-        ("[method]", 'kind = "means"\n\n[method]', "filters on a turntable follow a recording"),
+        ("[method]", 'kind = "means"\n\n[method]', r"white: means hold no samples"),
         ("[method]", 'marks = "labels"\n\n[method]', r"\[data\] marks: holds of a turntable"),
         ("[method]", 'angle = "outer"\n\n[method]', r"\[data\] angle goes with"),
         ('"path.csv"', '"none.csv"', "path 'none.csv': no such file; or paper, fast, discrete"),

@@ -27,6 +27,9 @@ class Parameter:
         Expected value.
     meaning : str
         One line for a report.
+    assumed : str
+        The key of a run file that states the value without "±": `sd` is then of its last digit.
+        Empty where `sd` is stated.
     """
 
     name: str
@@ -35,3 +38,4 @@ class Parameter:
     scope: Scope
     value: float = 0.0
     meaning: str = ""
+    assumed: str = ""

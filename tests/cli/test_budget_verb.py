@@ -67,7 +67,11 @@ def test_tables_a_page_and_an_object(tmp_path: Path, program: Program):
         ((), ("--trials", "1"), "--trials 1: a spread takes 2 or more"),
         ((), ("--seed", "-1"), "--seed -1: must not be negative"),
         ((), ("--out", "nowhere"), "nowhere: no such folder"),
-        ((HAND_HELD,), (), "a budget needs a plan with attitudes; method multi_position"),
+        (
+            (HAND_HELD, ('tilt = "0.3 °"\n', "")),
+            (),
+            "a budget needs a plan with attitudes; method multi_position",
+        ),
         ((('white = "100 µg/√Hz"\n', ""),), (), "[sensor.accelerometer] white is missing"),
         ((('name = "six_position"', 'name = "seven"'),), (), "no method 'seven'"),
     ],

@@ -75,7 +75,10 @@ seconds = "30 s"
 "b.kip" = "0 ± 5 µg/g²"
 """
 ALONE = ('autocollimator = "mirror"\n', "")
-EVERY = ('"pairs"', '"every"')
+EVERY = (
+    'harmonics = ["1.9 ″", "1.6 ″"]\ndivision = "1.6 ″"\nautocollimation = "pairs"',
+    'autocollimation = "every"',
+)
 
 
 def run_file(folder: Path, *changes: tuple[str, str]) -> Path:
@@ -204,8 +207,9 @@ def test_readings_on_every_face_are_written_down_and_nothing_is_trimmed(tmp_path
 
 
 def test_without_an_autocollimator_nothing_is_done_with_it(tmp_path: Path):
-    none = ('autocollimation = "pairs"', 'autocollimation = "none"')
-    sheet = planned(tmp_path, none, ('polygon = "faces.csv"\n', ""))
+    keys = 'autocollimator = "0.03 ″"\npolygon = "faces.csv"\ncertificate = "0 ″"\n'
+    none = ('autocollimation = "pairs"\n' + keys, 'autocollimation = "none"\n')
+    sheet = planned(tmp_path, none)
     assert not any(row.autocollimator for row in sheet.rows)
     assert not any("autocollimator" in note for note in sheet.notes)
 

@@ -45,7 +45,10 @@ def test_a_good_file_comes_out_in_si(tmp_path: Path):
     assert run.truth["gz.g_i"] == pytest.approx(110 * DEGREE / 3600 / G0)
     assert (run.bench.gravity.value, run.bench.gravity.sd) == (9.81, pytest.approx(2e-4))
     assert isinstance(run.bench, Hand)
-    assert run.bench.latitude == pytest.approx(47 * DEGREE)
+    place = run.bench.place
+    assert place is not None
+    # Without ±: half a unit of the last digit, rectangular.
+    assert (place.value, place.sd) == pytest.approx((47 * DEGREE, 0.5 * DEGREE / np.sqrt(3)))
     assert run.bench.turn_tilt == pytest.approx(0.3 * DEGREE)
     assert run.rate_hz == 50
     assert run.estimator == "ml"

@@ -61,9 +61,17 @@ def stated(text: str, section: str, line: str) -> str:
 @pytest.mark.parametrize(
     ("section", "line", "said"),
     [
-        ("bench", "radius = 0.25", '0.25 is a number; give text with its unit, such as "250 mm"'),
+        (
+            "bench",
+            "radius = 0.25",
+            '0.25 is a number; give text with its unit, such as "250 mm ± 0.3 mm"',
+        ),
         ("bench", "speed = 0.05", '0.05 is a number; give text with its unit, such as "0.05 %"'),
-        ("bench", 'radius = ["1 m"]', 'it is a list; give text with its unit, such as "250 mm"'),
+        (
+            "bench",
+            'radius = ["1 m"]',
+            'it is a list; give text with its unit, such as "250 mm ± 0.3 mm"',
+        ),
         ("bench", "latitude = 31", '31 is a number; give text with its unit, such as "48.1 °"'),
         ("data.sd", "gyro = 0.3", '0.3 is a number; give text with its unit, such as "5 °/h"'),
         ("method.search", "goal = 5", '5 is a number; give text with its unit, such as "5 %"'),
@@ -141,14 +149,14 @@ def test_what_a_complaint_gives_as_an_example_is_taken(tmp_path: Path, section: 
 
 def test_a_key_that_is_missing_is_named_with_its_section_and_an_example(tmp_path: Path):
     message = refusal(tmp_path, changed(ON_TABLE, ('radius = "250 mm"\n', "")))
-    assert message == '[bench] radius is missing, such as "250 mm"'
+    assert message == '[bench] radius is missing, such as "250 mm ± 0.3 mm"'
 
 
 def test_beside_a_key_that_is_missing_the_misspelt_one_is_named(tmp_path: Path):
     message = refusal(tmp_path, changed(ON_TABLE, ("radius =", "radus =")))
     assert message.startswith(
-        '[bench] radius is missing, such as "250 mm"; unknown key bench.radus; did you mean '
-        "radius?; "
+        '[bench] radius is missing, such as "250 mm ± 0.3 mm"; unknown key bench.radus; did '
+        "you mean radius?; "
         "possible here: "
     )
     message = refusal(tmp_path, changed(ON_TABLE, ("[data]", "[date]")))
@@ -223,5 +231,5 @@ def test_a_wrong_type_is_one_line_and_status_two(
     said = capsys.readouterr().err.strip()
     assert len(said.splitlines()) == 1
     assert said.endswith(
-        '[bench] radius: 0.25 is a number; give text with its unit, such as "250 mm"'
+        '[bench] radius: 0.25 is a number; give text with its unit, such as "250 mm ± 0.3 mm"'
     )

@@ -75,15 +75,35 @@ class Centrifuge:
         )
         level = EARTH_RATE / sqrt(3)
         if (place := self.latitude) is not None:
-            earth = Parameter("latitude", "rad", place.sd, "run", place.value, "latitude")
+            earth = Parameter(
+                "latitude",
+                "rad",
+                place.sd,
+                "run",
+                place.value,
+                "latitude",
+                place.key_if_assumed("latitude"),
+            )
             level = EARTH_RATE * cos(place.value) / sqrt(2)  # where north is, is not known
         # Over whole turns of an arm that the sensor is locked to it is not felt.
         level *= self.platform != "locked"
         indexing = self.indexing or 0.0
         return (
-            Parameter("g", "m/s²", g.sd, "run", g.value, "local gravity"),
-            Parameter("radius", "m", r.sd, "run", r.value, "static radius"),
-            Parameter("stretch", "(m/s²)⁻¹", s.sd, "run", s.value, "stretch of the arm"),
+            Parameter(
+                "g", "m/s²", g.sd, "run", g.value, "local gravity", g.key_if_assumed("gravity")
+            ),
+            Parameter(
+                "radius", "m", r.sd, "run", r.value, "static radius", r.key_if_assumed("radius")
+            ),
+            Parameter(
+                "stretch",
+                "(m/s²)⁻¹",
+                s.sd,
+                "run",
+                s.value,
+                "stretch of the arm",
+                s.key_if_assumed("stretch"),
+            ),
             Parameter("rate", "1", self.rate, "run", 0.0, "rate of the arm, relative"),
             Parameter("tilt", "rad", self.tilt, "run", 0.0, "tilt of gravity against the arm"),
             Parameter("lean1", "rad", self.lean, "run", 0.0, "lean of the spindle"),

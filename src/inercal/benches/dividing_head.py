@@ -26,7 +26,7 @@ the base, and does not see it tilt.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from math import isfinite, pi, sqrt
+from math import hypot, isfinite, pi, sqrt
 from typing import Literal
 
 import numpy as np
@@ -165,6 +165,8 @@ class DividingHead:
     def parameters(self) -> tuple[Parameter, ...]:
         """The imperfections, as data."""
         g, one = self.gravity, self.autocollimator
+        # A lean λ lowers what is felt by g λ²/2, of which the mean square is 3/4 (g sd²)².
+        shortened = sqrt(0.75) * g.value * self.lean**2
         pair = sqrt(2) * one
         waves = [
             Parameter(f"{wave}{h}", "rad", sd, "run", 0.0, f"head, {words} of harmonic {h}")
@@ -172,7 +174,15 @@ class DividingHead:
             for wave, words in (("sin", "sine"), ("cos", "cosine"))
         ]
         return (
-            Parameter("g", "m/s²", g.sd, "run", g.value, "local gravity"),
+            Parameter(
+                "g",
+                "m/s²",
+                hypot(g.sd, shortened),
+                "run",
+                g.value,
+                "local gravity",
+                g.key_if_assumed("gravity"),
+            ),
             *waves,
             Parameter("base", "rad", self.base, "run", 0.0, "zero of the head"),
             Parameter("lean", "rad", self.lean, "run", 0.0, "lean of the spindle"),

@@ -37,8 +37,9 @@ class Hand:
     ----------
     gravity : Measured
         Local gravity, m/s².
-    latitude : float or None
-        rad; None is unknown, and earth's rate then a nuisance altogether.
+    latitude : Measured, float or None
+        rad, a plain number being exact; None is unknown, and earth's rate then a nuisance
+        altogether.
     tilt : float
         How far a face's normal lies from the vertical, each of two directions, rad.
     turn_angle : float
@@ -50,33 +51,37 @@ class Hand:
     """
 
     gravity: Measured
-    latitude: float | None = None
+    latitude: Measured | float | None = None
     tilt: float = 0.5 * DEGREE
     turn_angle: float = 1.0 * DEGREE
     turn_tilt: float = 0.5 * DEGREE
     timebase: float = 1e-4
 
     @property
+    def place(self) -> Measured | None:
+        """The latitude with its uncertainty, rad; None where it is unknown."""
+        if self.latitude is None or isinstance(self.latitude, Measured):
+            return self.latitude
+        return Measured(self.latitude, 0.0)
+
+    @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The imperfections, as data."""
         # Of a vector of known length and unknown direction each component has 1/√3 of it.
         up, level = 0.0, EARTH_RATE / sqrt(3)
-        known = self.latitude is not None
-        if self.latitude is not None:
-            up, north = earth_rate_up_north(self.latitude)
+        of_up, without = EARTH_RATE / sqrt(3), ""
+        if (place := self.place) is not None:
+            up, north = earth_rate_up_north(place.value)
             level = abs(north) / sqrt(2)  # the azimuth is unknown
+            of_up, without = abs(north) * place.sd, place.key_if_assumed("latitude")
+        g = self.gravity
         return (
-            Parameter("g", "m/s²", self.gravity.sd, "run", self.gravity.value, "local gravity"),
+            Parameter(
+                "g", "m/s²", g.sd, "run", g.value, "local gravity", g.key_if_assumed("gravity")
+            ),
             Parameter("tilt1", "rad", self.tilt, "position", 0.0, "face against the vertical"),
             Parameter("tilt2", "rad", self.tilt, "position", 0.0, "face against the vertical"),
-            Parameter(
-                "earth_up",
-                "rad/s",
-                0.0 if known else EARTH_RATE / sqrt(3),
-                "run",
-                up,
-                "earth rate, vertical",
-            ),
+            Parameter("earth_up", "rad/s", of_up, "run", up, "earth rate, vertical", without),
             Parameter("earth1", "rad/s", level, "position", 0.0, "earth rate, level"),
             Parameter("earth2", "rad/s", level, "position", 0.0, "earth rate, level"),
             Parameter("angle", "rad", self.turn_angle, "turn", 0.0, "angle of the turn"),

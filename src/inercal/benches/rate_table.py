@@ -95,8 +95,10 @@ class RateTable:
         """The imperfections, as data."""
         g, r = self.gravity, self.radius
         return (
-            Parameter("g", "m/s²", g.sd, "run", g.value, "local gravity"),
-            Parameter("radius", "m", r.sd, "run", r.value, "radius"),
+            Parameter(
+                "g", "m/s²", g.sd, "run", g.value, "local gravity", g.key_if_assumed("gravity")
+            ),
+            Parameter("radius", "m", r.sd, "run", r.value, "radius", r.key_if_assumed("radius")),
             Parameter("rate", "1", self.rate, "run", 0.0, "rate of the table, relative"),
             Parameter("seat", "m", self.seat, "mounting", 0.0, "radius of a mounting"),
             *(

@@ -122,10 +122,20 @@ class Turntable:
         """The imperfections, as data; all are of the whole run."""
         g, azimuth, latency = self.gravity, self.azimuth, self.latency
         return (
-            Parameter("g", "m/s²", g.sd, "run", g.value, "local gravity"),
+            Parameter(
+                "g", "m/s²", g.sd, "run", g.value, "local gravity", g.key_if_assumed("gravity")
+            ),
             Parameter("lean_x", "rad", self.lean, "run", 0.0, "lean of the base about east"),
             Parameter("lean_y", "rad", self.lean, "run", 0.0, "lean of the base about north"),
-            Parameter("azimuth", "rad", azimuth.sd, "run", azimuth.value, "azimuth of the base"),
+            Parameter(
+                "azimuth",
+                "rad",
+                azimuth.sd,
+                "run",
+                azimuth.value,
+                "azimuth of the base",
+                azimuth.key_if_assumed("azimuth"),
+            ),
             *(
                 Parameter(f"square_{i}", "rad", self.square, "run", 0.0, f"{one} against {other}")
                 for i, (one, other) in enumerate(
@@ -140,7 +150,15 @@ class Turntable:
                 for h, sd in enumerate(self.harmonics, start=1)
                 for wave, words in (("sin", "sine"), ("cos", "cosine"))
             ),
-            Parameter("latency", "s", latency.sd, "run", latency.value, "delay of the readback"),
+            Parameter(
+                "latency",
+                "s",
+                latency.sd,
+                "run",
+                latency.value,
+                "delay of the readback",
+                latency.key_if_assumed("latency"),
+            ),
             Parameter("clock", "1", self.clock, "run", 0.0, "rate of the readback's clock"),
             *(
                 Parameter(f"lever_{a}", "m", arm.sd, "run", arm.value, f"lever arm along {a}")

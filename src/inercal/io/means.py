@@ -18,7 +18,7 @@ from inercal.io.atomic import atomic_write
 from inercal.io.read import Columns, read_table
 from inercal.io.table import Table, shortened
 from inercal.recording import Observations
-from inercal.sensors import Sensor
+from inercal.sensors import Axis, Sensor
 
 Array = NDArray[np.float64]
 _ROWS = 4  # fewer may well agree to the last digit
@@ -116,6 +116,7 @@ def means_of(
     output = np.empty((len(labels), len(sensor.axes)))
     for k, axis in enumerate(sensor.axes):
         output[:, k] = numbers_of(path, table, by_axis[axis.name], "give the mean")
+        _require_within_range(path, table, by_axis[axis.name], axis, output[:, k])
     _refuse_dead(path, output, sensor, by_axis)
     if not (np.isfinite(durations) & (durations > 0)).all():
         raise InputError(f"{path}: durations must be positive numbers of s")
@@ -143,6 +144,18 @@ def _refuse_dead(path: Path, output: Array, sensor: Sensor, by_axis: Mapping[str
                 f"{path}: column {by_axis[axis.name]!r} is {output[0, k]:.6g} in all rows while "
                 "others change: was the axis connected, and is it this column?"
             )
+
+
+def _require_within_range(path: Path, table: Table, name: str, axis: Axis, mean: Array) -> None:
+    """Refuse a mean at or beyond the full scale: some of its samples were clipped."""
+    reach = axis.readout.full_scale
+    beyond = np.flatnonzero(np.abs(mean - axis.readout.offset) >= (reach or np.inf))
+    if beyond.size:
+        raise InputError(
+            f"{path} line {table.first_line + beyond[0]}: column {name!r} is "
+            f"{mean[beyond[0]]:g}, at or beyond the full_scale that [sensor] states; take the row "
+            "out or correct full_scale"
+        )
 
 
 def numbers_of(path: Path, table: Table, name: str, remedy: str) -> Array:

@@ -23,7 +23,7 @@ from inercal.io.table import sha256_of
 from inercal.methods.multi_position.timing import delay
 from inercal.methods.ship_multi_angle.evolution import Generation, History
 from inercal.parameters import Parameter
-from inercal.pipeline import by_hand, on_arm, on_head, on_table, turntable
+from inercal.pipeline import assumed, by_hand, on_arm, on_head, on_table, turntable
 from inercal.pipeline.bench_errors import stated
 from inercal.pipeline.inputs import (
     Gathered,
@@ -33,10 +33,12 @@ from inercal.pipeline.inputs import (
     readback_columns,
 )
 from inercal.pipeline.simulation import named_as_in, read_out, simulate, simulate_files
+from inercal.pipeline.stated_noise import against_recording
 from inercal.plan import Step
 from inercal.recording import Finding, Mark, Observations, Recording
 from inercal.runfile import Run, read
 from inercal.segments import FoundRests
+from inercal.sensors import Sensor
 from inercal.units import ZERO_CELSIUS
 
 _ALL = 3  # axes of a kind that see every component
@@ -105,7 +107,11 @@ def calibrate(
     run = run if isinstance(run, Run) else read(run)
     sensor, gathered = run.sensor, _gather(run, run.bench)
     bench = gathered.bench or run.bench
-    observations, findings = gathered.observations, gathered.findings
+    observations, findings = gathered.observations, (*run.findings, *gathered.findings)
+    if gathered.recording is not None:
+        findings += against_recording(observations, sensor, gathered.steps, by_hand=run.method.free)
+    # Filters weigh single samples by the stated noise, in which rounding is not.
+    sampled = sensor if observations.track is None else _rounded(sensor, gathered.recording)
     generations: list[Generation] = []
 
     def after(generation: Generation) -> None:
@@ -114,7 +120,7 @@ def calibrate(
             progress(generation)
 
     try:
-        estimate = run.solver(after)(observations, sensor, bench, gathered.plan, run.priors)
+        estimate = run.solver(after)(observations, sampled, bench, gathered.plan, run.priors)
     except NotObserved as error:
         raise NotObserved(f"{run.path}: {error}{_found(gathered)}", error.directions) from None
     except InputError as error:
@@ -132,6 +138,17 @@ def calibrate(
             f"{run.path}: estimator {run.estimator} states no uncertainty for this noise: it may "
             "leave no root; use another estimator"
         )
+    p = len(sensor.coefficients)
+    expected = stated(bench, gathered.steps, sensor)
+    constants = assumed.assumed(bench, expected)
+
+    def on(other: Bench) -> Estimate:
+        return run.solver()(observations, sampled, other, gathered.plan, run.priors)
+
+    try:
+        assumed.require_stated(constants, estimate, p, bench, on)
+    except InputError as error:
+        raise InputError(f"{run.path}: {error}") from None
     conditions = gathered.conditions | _temperature(gathered.recording) | _search(run)
     if run.bench_name:
         conditions["bench"] = run.bench_name
@@ -146,8 +163,7 @@ def calibrate(
         estimate = replace(
             estimate, notes=(on_table.beside(sensor, estimate, bench, gathered), *estimate.notes)
         )
-    p = len(sensor.coefficients)
-    expected = stated(bench, gathered.steps, sensor)
+    estimate = replace(estimate, notes=(*estimate.notes, *assumed.notes(constants)))
     track = observations.track
     if run.estimator == "paper" and track is not None and sensor.only("w").axes:
         note = turntable.of_source(sensor, track)
@@ -190,6 +206,13 @@ def _found(gathered: Gathered) -> str:
     if gathered.rests is not None:
         said.append(gathered.rests.finding.message)
     return "".join(f"; {text}" for text in said)
+
+
+def _rounded(sensor: Sensor, recording: Recording | None) -> Sensor:
+    """Return the sensor with the rounding of its samples in their white noise."""
+    assert recording is not None
+    axes = (replace(a, noise=a.noise.rounded(recording.rate_hz)) for a in sensor.axes)
+    return replace(sensor, axes=tuple(axes))
 
 
 def _row_word(bench: Bench) -> str:

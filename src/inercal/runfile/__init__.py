@@ -24,8 +24,17 @@ from inercal.methods._base import Estimator
 from inercal.methods.ship_multi_angle import global_
 from inercal.methods.ship_multi_angle.evolution import Generation, Options
 from inercal.plan import Position, Rotation, Step, TableStep
+from inercal.recording import Finding
 from inercal.runfile.build import build_bench, build_sensor, coefficient_value, si_value
-from inercal.runfile.checks import KINDS, axes_of, require_columns, require_frame, require_once
+from inercal.runfile.checks import (
+    KINDS,
+    axes_of,
+    require_columns,
+    require_frame,
+    require_once,
+    require_used,
+)
+from inercal.runfile.gravity import against_place
 from inercal.runfile.path import on_path
 from inercal.runfile.priors import prior_from, static_prior
 from inercal.runfile.schema import DataSection, MethodSection, RunSchema
@@ -78,6 +87,8 @@ class Run:
         What the search is told, of an estimator that searches.
     bench_name : str
         What the laboratory calls its bench; empty where it says nothing.
+    findings : tuple of Finding
+        What the statements of the run file say of one another.
     """
 
     path: Path
@@ -95,6 +106,7 @@ class Run:
     planned: bool = False
     search: Options | None = None
     bench_name: str = ""
+    findings: tuple[Finding, ...] = ()
 
     @cached_property
     def steps(self) -> tuple[Step, ...]:
@@ -189,6 +201,8 @@ def _build(path: Path, digest: str, schema: RunSchema) -> Run:
     plan = _plan(chosen, schema.method)
     if isinstance(bench, Turntable):
         plan = on_path(schema.method, bench, path.parent, plan)
+    turns = () if chosen.free or isinstance(bench, Turntable) else chosen.plan()
+    require_used(schema, chosen, turns)
     chosen.estimator(schema.method.estimator)
     estimator = schema.method.estimator or next(iter(chosen.estimators))
     require_frame(schema.sensor.frame, chosen, estimator)
@@ -234,6 +248,7 @@ def _build(path: Path, digest: str, schema: RunSchema) -> Run:
         planned=any(getattr(schema.method, key) is not None for key, _, _ in _PLAN),
         search=searching(schema.method, chosen, estimator),
         bench_name=schema.bench.name,
+        findings=against_place(schema.bench),
     )
 
 

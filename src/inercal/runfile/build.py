@@ -112,17 +112,29 @@ def _is(unit: str, like: str) -> bool:
 
 
 def si_value(text: str, like: str, key: str) -> float:
-    """Return a quantity given as text, SI; a complaint names `key`."""
+    """Return a quantity given as text, SI; a complaint names `key`.
+
+    Raises
+    ------
+    InputError
+        What `parse` refuses, or an uncertainty, which would count for nothing.
+    """
     try:
-        return parse(text, like).value
+        found = parse(text, like)
     except InputError as error:
         raise InputError(f"{key}: {error}") from None
+    if found.sd:
+        raise InputError(f"{key}: {text!r}: no uncertainty of it enters the result; leave ± out")
+    return found.value
 
 
-def measured(text: str, like: str, key: str) -> Measured:
-    """Return a quantity and its deviation given as text, SI; a complaint names `key`."""
+def measured(text: str, like: str, key: str, *, last_digit: bool = True) -> Measured:
+    """Return a measured constant given as text, SI; a complaint names `key`.
+
+    Without "±" it has the uncertainty of its last digit, if `last_digit`.
+    """
     try:
-        return parse(text, like)
+        return parse(text, like, last_digit=last_digit)
     except InputError as error:
         raise InputError(f"{key}: {error}") from None
 
@@ -137,12 +149,12 @@ def build_bench(section: BenchSection, folder: Path) -> Bench | Turntable:
         return _rate_table(section)
     if isinstance(section, TurntableSection):
         return _turntable(section)
-    latitude = None
+    place = None
     if section.latitude is not None:
-        latitude = si_value(section.latitude, "°", "[bench] latitude")
+        place = measured(section.latitude, "°", "[bench] latitude")
     return Hand(
         gravity=_gravity(section),
-        latitude=latitude,
+        latitude=place,
         tilt=_deviation(section, "tilt", "°"),
         turn_angle=_deviation(section, "turn_angle", "°"),
         turn_tilt=_deviation(section, "turn_tilt", "°"),
@@ -168,7 +180,7 @@ def _rate_table(section: RateTableSection) -> RateTable:
 def _turntable(section: TurntableSection) -> Turntable:
     if section.latitude is None:
         raise InputError("[bench] latitude is missing: gyros on a turntable feel the earth's rate")
-    x, y, z = (measured(arm, "m", "[bench] lever") for arm in section.lever)
+    x, y, z = (measured(arm, "m", "[bench] lever", last_digit=False) for arm in section.lever)
     if not all(abs(arm.value) + 2 * arm.sd <= _LONGEST_LEVER for arm in (x, y, z)):
         raise InputError(
             f"[bench] lever: {', '.join(section.lever)}: an IMU on a table is no more than 1 m "
@@ -332,8 +344,10 @@ def _gravity(section: BenchSection) -> Measured:
     """Return gravity as given, or computed from latitude and height."""
     if section.gravity is None:
         assert section.latitude is not None  # the schema requires one of the two
-        latitude = si_value(section.latitude, "°", "[bench] latitude")
-        return normal_gravity(latitude, si_value(section.height, "m", "[bench] height"))
+        latitude = measured(section.latitude, "°", "[bench] latitude")
+        return normal_gravity(
+            latitude.value, si_value(section.height or "0 m", "m", "[bench] height")
+        )
     gravity = measured(section.gravity, "m/s²", "[bench] gravity")
     if not 9.5 < gravity.value < 10.0:
         raise InputError(

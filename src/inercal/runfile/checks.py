@@ -7,7 +7,8 @@ from inercal.benches import Bench, Centrifuge, DividingHead, Hand, RateTable, Tu
 from inercal.errors import InputError
 from inercal.estimate import Gaussian
 from inercal.methods import METHODS, Method
-from inercal.runfile.schema import RunSchema
+from inercal.plan import Step, Turn
+from inercal.runfile.schema import ReadoutSection, RunSchema, Use
 
 KINDS = {
     Hand: "hand",
@@ -100,6 +101,40 @@ def require_columns(schema: RunSchema, bench: Bench) -> None:
             f"[data] table: name the column of each axis, {', '.join(bench.names)}; there are "
             f"{len(data.table or ())}"
         )
+
+
+def require_used(schema: RunSchema, chosen: Method[Any, Any], steps: Sequence[Step]) -> None:
+    """Refuse keys of [bench] and [sensor] that change nothing in what the method finds.
+
+    Parameters
+    ----------
+    schema : RunSchema
+    chosen : Method
+    steps : sequence of Step
+        Of the method's plan, as far as it has one before the data.
+
+    Raises
+    ------
+    InputError
+        Naming the key and the reason.
+    """
+    use = Use(
+        method=chosen.name,
+        turns=any(isinstance(step, Turn) for step in steps),
+        attitudes=not chosen.free,
+        gyros="w" in chosen.finds and schema.sensor.gyro is not None,
+        means=schema.data.kind == "means",
+    )
+    for key, reason in schema.bench.idle(use).items():
+        if key in schema.bench.model_fields_set:
+            raise InputError(f"[bench] {key}: {reason}; leave it out")
+    for kind in ("accelerometer", "gyro"):
+        section: ReadoutSection | None = getattr(schema.sensor, kind)
+        if section is None:
+            continue
+        for key, reason in section.idle(use).items():
+            if key in section.model_fields_set:
+                raise InputError(f"[sensor.{kind}] {key}: {reason}")
 
 
 def require_frame(frame: str, chosen: Method[Any, Any], estimator: str) -> None:

@@ -3,9 +3,40 @@
 An example stands beside a key where its default is none, or says nothing: complaints show it.
 """
 
+from dataclasses import dataclass
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, JsonValue, model_validator
+
+# What enters no result: names, and the truth of a simulation.
+_DESCRIPTION: dict[str, JsonValue] = {"role": "description"}
+# What shapes the plan or its simulation alone: limits of a table's motion, and where the IMU is on
+# it: accelerometers count at rest.
+_PLANNING: dict[str, JsonValue] = {"role": "plan"}
+
+
+@dataclass(frozen=True)
+class Use:
+    """What a run makes of its bench, as far as keys of the bench depend on it.
+
+    Parameters
+    ----------
+    method : str
+    turns : bool
+        Whether its plan has turns of a known angle.
+    attitudes : bool
+        Whether it knows the attitudes, and does not find them itself.
+    gyros : bool
+        Whether there are gyros.
+    means : bool
+        Whether the data are means.
+    """
+
+    method: str
+    turns: bool
+    attitudes: bool
+    gyros: bool
+    means: bool
 
 
 class _Section(BaseModel):
@@ -18,39 +49,63 @@ class ReadoutSection(_Section):
     unit: str = Field(description="unit of the output: 'LSB', 'V', …", examples=["m/s²"])
     scale: str | None = Field(None, description="nominal scale factor", examples=["2048 LSB/g"])
     offset: float = Field(0.0, description="output at zero, in output units")
-    full_scale: str | None = Field(None, description="largest reading", examples=["16 g"])
-    white: str | None = Field(
-        None, description="velocity or angle random walk", examples=["60 µg/√Hz"]
+    full_scale: str | None = Field(
+        None, description="largest reading", examples=["16 g", "2000 °/s"]
     )
-    bias_instability: str | None = Field(None, examples=["20 µg"])
-    random_walk: str | None = Field(None, examples=["1 µg/√s"])
-    quantisation: str | None = Field(None, description="step of the reading", examples=["0.5 mg"])
+    white: str | None = Field(
+        None, description="velocity or angle random walk", examples=["60 µg/√Hz", "0.1 °/√h"]
+    )
+    bias_instability: str | None = Field(None, examples=["20 µg", "5 °/h"])
+    random_walk: str | None = Field(None, examples=["1 µg/√s", "1 °/h/√s"])
+    quantisation: str | None = Field(
+        None, description="step of the reading", examples=["0.5 mg", "0.02 °/s"]
+    )
+
+    def idle(self, use: Use) -> dict[str, str]:
+        """Return the keys that change no result of such a use, with the reason and what to do."""
+        if not use.means:
+            return {}
+        words = "means hold no samples; state their noise and instability in [data.sd] instead"
+        return dict.fromkeys(("white", "bias_instability", "random_walk", "quantisation"), words)
 
 
 class SensorSection(_Section):
     """[sensor]."""
 
-    name: str = "sensor"
+    name: str = Field("sensor", json_schema_extra=_DESCRIPTION)
     form: Literal["reference", "tilted"] | None = Field(
         None, description="'reference', but 'tilted' on a dividing head"
     )
     frame: Literal["mount", "symmetric"] = "mount"
     accelerometer: ReadoutSection
     gyro: ReadoutSection | None = None
-    truth: dict[str, str | float] = Field(default_factory=dict, examples=[{"ax.k0": "32 mg"}])
+    truth: dict[str, str | float] = Field(
+        default_factory=dict, examples=[{"ax.k0": "32 mg"}], json_schema_extra=_DESCRIPTION
+    )
 
 
 class _BenchSection(_Section):
     gravity: str | None = Field(None, examples=["9.8073 m/s² ± 0.2 mm/s²"])
     latitude: str | None = Field(None, examples=["48.1 °"])
-    height: str = Field("0 m", examples=["520 m"])
-    name: str = Field("", description="what the laboratory calls it", examples=["table 2"])
+    height: str | None = Field(None, examples=["520 m"])
+    name: str = Field(
+        "",
+        description="what the laboratory calls it",
+        examples=["table 2"],
+        json_schema_extra=_DESCRIPTION,
+    )
 
     @model_validator(mode="after")
     def _gravity_is_known(self) -> "_BenchSection":
         if self.gravity is None and self.latitude is None:
             raise ValueError('give gravity = "9.81 m/s² ± 0.1 mm/s²" or latitude (and height)')
+        if self.height is not None and self.latitude is None:
+            raise ValueError("height goes with latitude: gravity is computed from both, or checked")
         return self
+
+    def idle(self, use: Use) -> dict[str, str]:
+        """Return the keys that change no result of such a use, each with the reason."""
+        return {}
 
 
 class HandSection(_BenchSection):
@@ -62,13 +117,25 @@ class HandSection(_BenchSection):
     turn_tilt: str = "0.5 °"
     timebase: str = "100 ppm"
 
+    def idle(self, use: Use) -> dict[str, str]:
+        """Return the keys that change no result of such a use, each with the reason."""
+        found: dict[str, str] = {}
+        if not use.attitudes:
+            found["tilt"] = f"{use.method} finds the attitudes itself"
+        if not use.turns:
+            words = f"{use.method} makes no turns of a known angle"
+            found |= {"turn_angle": words, "turn_tilt": words}
+            if not use.gyros or use.attitudes:
+                found["timebase"] = f"without turns nothing of {use.method} depends on time"
+        return found
+
 
 class CentrifugeSection(_BenchSection):
     """[bench]: a precision centrifuge."""
 
     kind: Literal["centrifuge"]
     radius: str = Field(examples=["1 m ± 10 µm"])
-    stretch: str = Field("0 ppm/g", examples=["0.2 ppm/g"])
+    stretch: str = Field("0 ppm/g ± 0", examples=["0.2 ppm/g ± 0.05 ppm/g"])
     rate_error: str = "1 ppm"
     tilt: str = "2 ″"
     lean: str = "2 ″"
@@ -80,6 +147,19 @@ class CentrifugeSection(_BenchSection):
         None, description="of each attitude, where attitudes are known", examples=["0.02 °"]
     )
     mounting: str = "0.1 °"
+
+    def idle(self, use: Use) -> dict[str, str]:
+        """Return the keys that change no result of such a use, each with the reason."""
+        found: dict[str, str] = {}
+        if self.platform == "locked":
+            found["lean"] = (
+                "over whole turns of a locked platform a lean of the spindle is not felt"
+            )
+        if self.indexing is None:
+            found["mounting"] = "norms depend on no mounting; it goes with indexing"
+        if self.latitude is None and self.platform == "locked" and self.indexing is None:
+            found["sense"] = "the sense counts for the earth's rate; it goes with latitude"
+        return found
 
 
 class DividingHeadSection(_BenchSection):
@@ -93,7 +173,7 @@ class DividingHeadSection(_BenchSection):
     polygon: str | None = Field(
         None, description="certificate: one row a face", examples=["polygon.csv"]
     )
-    polygon_unit: str = "″"
+    polygon_unit: str = Field("″", examples=["µrad"])
     certificate: str = "0.1 ″"
     base: str = "10 ″"
     pier: str = "0.1 ″"
@@ -101,12 +181,25 @@ class DividingHeadSection(_BenchSection):
     lean: str = "20 ″"
     drift: str = "0.5 µg"
 
+    def idle(self, use: Use) -> dict[str, str]:
+        """Return the keys that change no result of such a use, each with the reason."""
+        found: dict[str, str] = {}
+        if self.polygon is None:
+            found["polygon_unit"] = "there is no polygon"
+        if self.autocollimation == "none":
+            words = 'autocollimation is "none"'
+            found |= {"autocollimator": words, "certificate": words}
+        elif self.autocollimation == "every":
+            words = 'with autocollimation = "every" the head\'s own angle is nowhere used'
+            found |= {"harmonics": words, "division": words}
+        return found
+
 
 class RateTableSection(_BenchSection):
     """[bench]: a plain rate table with a fixture, as for sensors of ship models."""
 
     kind: Literal["rate_table"]
-    radius: str = Field(examples=["250 mm"])
+    radius: str = Field(examples=["250 mm ± 0.3 mm"])
     seat: str = "0.5 mm"
     pose: str = "0.2 °"
     rate_error: str = Field("0 %", examples=["0.01 %"])
@@ -126,10 +219,17 @@ class TurntableSection(_BenchSection):
     noise: str = "0.5 ″"
     latency: str = "0 ms ± 5 ms"
     clock: str = "0 ppm"
-    lever: tuple[str, str, str] = ("0 mm", "0 mm", "0 mm")
-    rate: tuple[str, ...] = Field(("30 °/s",), description="limit of all axes, or of each")
-    acceleration: tuple[str, ...] = ("30 °/s²",)
-    jerk: tuple[str, ...] = Field((), description="limit; without one the rate is a trapezoid")
+    lever: tuple[str, str, str] = Field(("0 mm", "0 mm", "0 mm"), json_schema_extra=_PLANNING)
+    rate: tuple[str, ...] = Field(
+        ("30 °/s",), description="limit of all axes, or of each", json_schema_extra=_PLANNING
+    )
+    acceleration: tuple[str, ...] = Field(("30 °/s²",), json_schema_extra=_PLANNING)
+    jerk: tuple[str, ...] = Field(
+        (),
+        description="limit; without one the rate is a trapezoid",
+        examples=[["100 °/s³"]],
+        json_schema_extra=_PLANNING,
+    )
 
 
 BENCHES: dict[str, type[_BenchSection]] = {

@@ -13,7 +13,7 @@ filters and papers take it for: S(f) = 2 B² τ/(1 + (2π f τ)²), a hump about
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +56,10 @@ class Noise:
         for name, value in vars(self).items():
             if not (np.isfinite(value) and value >= 0):
                 raise InputError(f"noise {name} = {value}: must be a finite number, 0 or more")
+
+    def rounded(self, rate_hz: float) -> "Noise":
+        """Return the noise of samples whose rounding to steps counts as white: q²/12 each."""
+        return replace(self, white=np.hypot(self.white, self.quantisation / (12 * rate_hz) ** 0.5))
 
     def draw(self, rng: np.random.Generator, shape: tuple[int, ...], rate_hz: float) -> Array:
         """Return noise in SI, samples at `rate_hz` along the last axis, without quantisation."""

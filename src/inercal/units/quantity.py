@@ -3,7 +3,7 @@
 import math
 import re
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from inercal.units.expression import UnclearError, about, expect, expected, plain_text, read_unit
 
@@ -22,14 +22,21 @@ class Measured:
     value : float
         SI.
     sd : float
-        Standard uncertainty (k = 1), SI; 0 where none was stated.
+        Standard uncertainty (k = 1), SI; 0 is exact.
+    assumed : bool
+        Whether `sd` was not stated, but taken from the last digit of the value as written.
     """
 
     value: float
     sd: float
+    assumed: bool = field(default=False, repr=False)
+
+    def key_if_assumed(self, key: str) -> str:
+        """Return the key where `sd` is of the last digit, and nothing where it was stated."""
+        return key if self.assumed else ""
 
 
-def parse(text: str | float, like: str) -> Measured:
+def parse(text: str | float, like: str, *, last_digit: bool = False) -> Measured:
     """Return what a person wrote as a quantity, in SI.
 
     Forms: "0.5 m", "0.5 m ± 5 µm", "(12 ± 3) µg", "9.81 m/s² ± 40 ppm" (relative), "0 ± 0.5 %",
@@ -41,6 +48,9 @@ def parse(text: str | float, like: str) -> Measured:
         A number, or a text without a unit, only where `like` is "1".
     like : str
         A unit of the dimension that is expected.
+    last_digit : bool
+        Whether a value without "±" has the uncertainty of its last digit: half a unit of it either
+        way, rectangular (GUM 4.3.7), so that u is that over √3. Else it is exact, as "± 0" is.
 
     Raises
     ------
@@ -51,6 +61,8 @@ def parse(text: str | float, like: str) -> Measured:
     --------
     >>> parse("0.5 m ± 1 mm (k=2)", like="m")
     Measured(value=0.5, sd=0.0005)
+    >>> round(parse("9.81 m/s²", like="m/s²", last_digit=True).sd, 7)
+    0.0028868
     """
     with about(text):
         body, k = _coverage(_body(text, like))
@@ -61,7 +73,10 @@ def parse(text: str | float, like: str) -> Measured:
         if not rest and k:
             raise UnclearError("states k without an uncertainty, such as '0.5 m ± 10 µm (k=2)'")
         if not rest:
-            return Measured(_value(number, unit, like), 0.0)
+            value = _value(number, unit, like)
+            if not last_digit:
+                return Measured(value, 0.0)
+            return Measured(value, _of_last_digit(first) * read_unit(unit or "1").size, True)
         if len(rest) > 1:
             raise UnclearError("states more than one uncertainty")
         sd, sd_unit = _split(rest[0], like)
@@ -156,6 +171,15 @@ def _split(text: str, like: str) -> tuple[float, str]:
     return float(found[1]), found[2].strip()
 
 
+def _of_last_digit(text: str) -> float:
+    """Return half a unit of the last digit over √3, in the unit of the number that begins text."""
+    found = _QUANTITY.fullmatch(text.strip())
+    assert found is not None  # it was read before
+    mantissa, _, power = found[1].lower().partition("e")
+    decimals = len(mantissa.partition(".")[2])
+    return 0.5 * 10.0 ** (int(power or 0) - decimals) / math.sqrt(3)
+
+
 def _shared(number: float, sd_unit: str, like: str) -> str:
     """Return the unit of a value that has none itself: "12 ± 3 µg" gives it once."""
     if read_unit(sd_unit or "1").dimension:
@@ -180,6 +204,8 @@ def _value(number: float, unit: str, like: str) -> float:
 
 def _sd(value: float, unit: str, sd: float, sd_unit: str, like: str) -> float:
     """Return the standard uncertainty in SI, before k."""
+    if unit and not sd_unit and sd == 0:
+        return 0.0  # "9.81 m/s² ± 0": exact in any unit
     if unit and not sd_unit:
         raise UnclearError(f"states an uncertainty without a unit, such as '{sd:g} {unit}'")
     unit, sd_unit = unit or "1", sd_unit or "1"

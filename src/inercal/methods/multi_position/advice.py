@@ -26,7 +26,9 @@ def advice(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
     """
     sensor, p = rests.sensor, len(rests.sensor.coefficients)
     natural = sensor.natural
-    covariance = estimate.covariance[:p, :p] / np.outer(natural, natural)
+    # More attitudes do not help against the recording's clock: its part stays as it is.
+    clock = _by_clock(estimate)[:p] / natural
+    covariance = estimate.covariance[:p, :p] / np.outer(natural, natural) - np.outer(clock, clock)
     sizes = {group.name: float(np.sqrt(np.mean(group.sd**2))) for group in estimate.groups}
     typical = Errors(*(sizes.get(name, 1.0) for name in ("norms", "rates", "rotations")))
     ups = rests.norms(np.concatenate([estimate.value[:p], rests.start()[p:]])).up
@@ -34,8 +36,8 @@ def advice(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
     more, after = next_attitudes(
         sensor, before, ups[-1], rests.bench.gravity.value, typical, enough=0.0, most=_EXTRA
     )
-    old = np.sqrt(np.diag(covariance)) * natural
-    new = np.sqrt(np.diag(np.linalg.inv(after))) * natural
+    old = np.sqrt(np.diag(covariance) + clock**2) * natural
+    new = np.sqrt(np.diag(np.linalg.inv(after)) + clock**2) * natural
     k = int(np.argmax(old / new))
     if old[k] < _BETTER * new[k]:
         return ()
@@ -46,6 +48,14 @@ def advice(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
         f"{name} is known poorly: {attitudes_in_words(more)} would bring its U from "
         f"{sizes_told[0]} to {sizes_told[1]} {line.unit}",
     )
+
+
+def _by_clock(estimate: Estimate) -> Array:
+    """Return what one standard deviation of the clock's error moves each value by."""
+    if "timebase" not in estimate.names:
+        return np.zeros(len(estimate.names))
+    column = estimate.covariance[:, estimate.names.index("timebase")]
+    return column / np.sqrt(column[estimate.names.index("timebase")])
 
 
 def g_sensitivity(rests: Rests, estimate: Estimate) -> tuple[str, ...]:

@@ -54,7 +54,7 @@ class Scatter(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """All rows at one x = (c, g, ω_e)."""
+    """All rows at one x = (c, g, ω_e, τ)."""
 
     residual: Array  # (r + 2 k + 3 r or 0,): norms, rotations, rates
     jacobian: Array  # of the predictions to x
@@ -113,10 +113,10 @@ class Rests:
 
     @cached_property
     def beside(self) -> tuple[Measured, ...]:
-        """What is known of x beyond the coefficients: g, and the earth's rate in the level frame.
+        """What is known of x beyond the coefficients: g, the earth's rate, the clock's error τ.
 
-        The frame is east, north, up but for an unknown azimuth, so the level rate has two unknown
-        components of known size.
+        The earth's rate is in the level frame. The frame is east, north, up but for an unknown
+        azimuth, so the level rate has two unknown components of known size.
         """
         declared = {parameter.name: parameter for parameter in self.bench.parameters}
         up, level = declared["earth_up"], declared["earth1"].sd
@@ -125,10 +125,11 @@ class Rests:
             Measured(0.0, level),
             Measured(0.0, level),
             Measured(up.value, up.sd),
+            Measured(0.0, self.bench.timebase),
         )
 
     def start(self) -> Array:
-        """Return x at the nominal sensor, (p + 4,)."""
+        """Return x at the nominal sensor, (p + 5,)."""
         known = [quantity.value for quantity in self.beside]
         return np.concatenate([np.zeros(len(self.sensor.coefficients)), known])
 
@@ -152,7 +153,7 @@ class Rests:
         return norm(self.force, self.observations.mean[:, : self.m], x[:a], x[p : p + 1])
 
     def rows(self, x: Array, attitude: Array | None = None) -> Rows:
-        """Return all rows at x = (c, g, ω_e), (p + 4,).
+        """Return all rows at x = (c, g, ω_e, τ), (p + 5,).
 
         The attitudes in which the earth's rate is seen are found from x, unless they are given:
         held within a fit, the derivatives are exact.
@@ -167,17 +168,19 @@ class Rests:
         to_felt = np.zeros((r, 3, p))
         to_felt[..., :a] = at.by_coefficient
         before, after = self.passages.rest, self.passages.rest + 1
-        way = self._carried(x[:p].tobytes())
+        earth = slice(p + 1, p + 4)
+        way = self._carried(x[:p].tobytes(), float(x[p + 4]))
         to_level = self._attitudes(at, way) if attitude is None else attitude
         by_earth = to_level[after] * self.passages.duration[:, None, None]
-        turns = rotations(before, way, at.felt, self.across, by_earth @ x[p + 1 :])
+        turns = rotations(before, way, at.felt, self.across, by_earth @ x[earth])
         of_turns = np.zeros((len(before), 2, x.size))
         of_turns[..., :p] = (
             turns.ahead @ way.to_coefficient
             - turns.to_before @ to_felt[before]
             - turns.to_after @ to_felt[after]
         )
-        of_turns[..., p + 1 :] = turns.to_earth @ by_earth
+        of_turns[..., earth] = turns.to_earth @ by_earth
+        of_turns[..., p + 4] = turns.to_timebase
         rates, of_rates = self._rates(x, at, to_felt, to_level)
         return Rows(
             np.concatenate([at.residual, turns.residual.ravel(), rates.ravel()]),
@@ -189,14 +192,14 @@ class Rests:
         )
 
     @cached_property
-    def _carried(self) -> Callable[[bytes], Carried]:
+    def _carried(self) -> Callable[[bytes, float], Carried]:
         """Return what `carried` returns; a fit begins where the last one ended."""
         assert self.passages is not None
         passages = self.passages
 
         @lru_cache(maxsize=2)
-        def at(c: bytes) -> Carried:
-            return carried(passages, self.sensor, np.frombuffer(c), self.white)
+        def at(c: bytes, timebase: float) -> Carried:
+            return carried(passages, self.sensor, np.frombuffer(c), self.white, timebase)
 
         return at
 
@@ -222,13 +225,14 @@ class Rests:
         return level
 
     def _rates(self, x: Array, at: Norm, to_felt: Array, to_level: Array) -> tuple[Array, Array]:
-        """Return the gyros' residuals at rest, (r, 3), and their Jacobian, (3 r, p + 4)."""
+        """Return the gyros' residuals at rest, (r, 3), and their Jacobian, (3 r, p + 5)."""
         p = len(self.sensor.coefficients)
-        motion = Motion(at.felt, (to_level @ x[p + 1 :, None])[..., 0])
+        earth = slice(p + 1, p + 4)
+        motion = Motion(at.felt, (to_level @ x[earth, None])[..., 0])
         reading, design, slope = self.sensor.linearise(motion, x[:p])
         jacobian = np.zeros((*reading[:, self.m :].shape, x.size))
         jacobian[..., :p] = (design + slope[..., :3] @ to_felt)[:, self.m :]
-        jacobian[..., p + 1 :] = (slope[..., 3:] @ to_level)[:, self.m :]
+        jacobian[..., earth] = (slope[..., 3:] @ to_level)[:, self.m :]
         return (self.observations.mean - reading)[:, self.m :], jacobian.reshape(-1, x.size)
 
     def readings(self, scatter: Scatter) -> Array:

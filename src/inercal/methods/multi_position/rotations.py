@@ -6,9 +6,10 @@ to the next, the residual is what is left across û at its end::
     ρ = B (û_after − E R û_before),   B (2 × 3): two unit vectors across the nominal û_after
 
 The gyros feel the earth's rate too, by which gravity turns with them: E = exp(ω_e T) takes it away.
-A turn about the vertical is not seen. The derivatives are exact to first order: R û moves by
-û × ψ with ψ = Σ C δω Δt (`_kernels`), δω by the inverse of the sensor's model, and û by the part
-of δf̂ across it over its length.
+A turn about the vertical is not seen. The samples' times are by the recording's clock: T by it
+lasts T (1 + τ), and all turns grow by τ with it; the earth's, which are small, stay. The
+derivatives are exact to first order: R û moves by û × ψ with ψ = Σ C δω Δt (`_kernels`), δω by the
+inverse of the sensor's model, and û by the part of δf̂ across it over its length.
 
 Source: Tedaldi, Pretto, Menegatti, "A robust and easy to implement method for IMU calibration
 without external equipments", ICRA 2014, 3042–3049, equations 14 to 16; the errors of û, which
@@ -45,6 +46,7 @@ class Carried(NamedTuple):
     rotation: Array  # (k, 3, 3), R
     to_coefficient: Array  # (k, 3, p), of ψ
     to_bias: Array  # (k, 3, 3), of ψ to a constant rate error, s
+    to_timebase: Array  # (k, 3), of ψ to the relative error τ of the clock, rad
     noise: Array  # (k, 3, 3), of ψ by the rate's white noise on the way, rad²
 
 
@@ -56,6 +58,7 @@ class Rotations(NamedTuple):
     to_before: Array  # (k, 2, 3), of ρ to f̂ of the rest before
     to_after: Array  # (k, 2, 3), of ρ to f̂ of the rest after
     to_earth: Array  # (k, 2, 3), ∂(−ρ) to what the earth turns, rad
+    to_timebase: Array  # (k, 2), ∂(−ρ) to the relative error of the clock, rad
 
 
 def affine(sensor: Sensor, c: Array) -> Affine:
@@ -97,7 +100,9 @@ def affine(sensor: Sensor, c: Array) -> Affine:
     )
 
 
-def carried(passages: Passages, sensor: Sensor, c: Array, white: Array) -> Carried:
+def carried(
+    passages: Passages, sensor: Sensor, c: Array, white: Array, timebase: float = 0.0
+) -> Carried:
     """Return the rotations that the corrected rate makes.
 
     Parameters
@@ -109,14 +114,18 @@ def carried(passages: Passages, sensor: Sensor, c: Array, white: Array) -> Carri
         Coefficients in SI.
     white : (3, 3) array
         Covariance of one sample of the rate, (rad/s)².
+    timebase : float
+        Relative error of the recording's clock: true intervals are 1 + timebase times as long.
     """
     model, way = affine(sensor, c), passages
+    time = way.time * (1 + timebase)
     turn, sensitivity, noise = carry(
-        way.time, way.output, way.start, way.left, way.reached, way.stop,
+        time, way.output, way.start, way.left, way.reached, way.stop,
         model.back, model.zero, np.ascontiguousarray(white),
     )  # fmt: skip
     to_coefficient = np.einsum("kabq,bqp->kap", sensitivity, model.to_coefficient)
-    return Carried(turn, to_coefficient, sensitivity[..., 6], noise)
+    to_timebase = np.einsum("kabb->ka", sensitivity[..., 3:6]) / (1 + timebase)
+    return Carried(turn, to_coefficient, sensitivity[..., 6], to_timebase, noise)
 
 
 def rotations(rest: Indices, way: Carried, felt: Array, across: Array, earth: Array) -> Rotations:
@@ -148,6 +157,7 @@ def rotations(rest: Indices, way: Carried, felt: Array, across: Array, earth: Ar
         to_before=-b @ turn @ _to_direction(up[before], length[before]),
         to_after=b @ _to_direction(up[after], length[after]),
         to_earth=-ahead,
+        to_timebase=(ahead @ e @ way.to_timebase[..., None])[..., 0],
     )
 
 

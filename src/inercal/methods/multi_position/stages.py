@@ -27,7 +27,7 @@ Places = NDArray[np.int64]
 _FEW = 6  # steps
 _ROUNDING = 1e-9  # of χ²: a rotation is the product of hundreds of steps
 _EXACT = 1e-15  # SI; what is known better is exact
-BESIDE = ("g", "earth_1", "earth_2", "earth_up")
+BESIDE = ("g", "earth_1", "earth_2", "earth_up", "timebase")
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +37,9 @@ class Stage:
     Parameters
     ----------
     estimate : Estimate
-    x : (p + 4,) array
-        All coefficients, g and the earth's rate; what is not fitted yet is nominal.
+    x : (p + 5,) array
+        All coefficients, g, the earth's rate and the clock's error; what is not fitted yet is
+        nominal.
     scatter : Scatter
     groups : tuple of Group
         Judged so far; χ² before any excess.
@@ -71,7 +72,7 @@ def accelerometers(rests: Rests, priors: Sequence[Gaussian]) -> Stage:
     x[free] = estimate.value
     groups = _groups(alone, alone.rows(x), scatter, [judged[:2]])
     whole = rests.start()
-    whole[:p], whole[-4] = x[:p], x[p]
+    whole[:p], whole[len(rests.sensor.coefficients)] = x[:p], x[p]
     return _stage(estimate, whole, scatter, groups)
 
 
@@ -87,7 +88,9 @@ def gyros(rests: Rests, first: Stage, priors: Sequence[Gaussian]) -> Stage:
     sensor, p = rests.sensor, len(rests.force.coefficients)
     count = len(sensor.coefficients)
     own = np.arange(p, count)
-    free = np.setdiff1d(_free(rests, own, beside=4), [count])
+    free = np.setdiff1d(_free(rests, own, beside=len(BESIDE)), [count])
+    # The clock's error has its own row, its prior: it takes no degree of freedom.
+    fitted = np.setdiff1d(free, [count + BESIDE.index("timebase")])
     still = np.array([k for k in own.tolist() if not _turns(rests, k)], dtype=np.int64)
     x = first.x.copy()
     rows = rests.rows(x)
@@ -97,12 +100,12 @@ def gyros(rests: Rests, first: Stage, priors: Sequence[Gaussian]) -> Stage:
     x[still] += np.linalg.lstsq(rows.jacobian[of_rest, still], rows.residual[of_rest], rcond=None)[
         0
     ]
-    shown = np.concatenate([still, free[own.size :]])
+    shown = np.concatenate([still, fitted[own.size :]])
     rates = of_rates(rests, rests.rows(x), shown)
     scatter = first.scatter._replace(rate=rates.spread)
     # Without its scatter yet, this fit need not go to the last digit.
     x[free] = _fit(rests, free, x, scatter, priors, norms=False, most=_FEW).value
-    rotations = of_rotations(rests, rests.rows(x), shown, free, scatter)
+    rotations = of_rotations(rests, rests.rows(x), shown, fitted, scatter)
     scatter = scatter._replace(turn=rotations.spread)
     fit = _fit(rests, free, x, scatter, priors, norms=False)
     x[free] = fit.value
@@ -117,7 +120,7 @@ def gyros(rests: Rests, first: Stage, priors: Sequence[Gaussian]) -> Stage:
 def together(rests: Rests, last: Stage, priors: Sequence[Gaussian]) -> Stage:
     """Fit everything to all rows at once, started from `last`."""
     x = last.x.copy()
-    free = _free(rests, np.arange(len(rests.sensor.coefficients)), beside=4)
+    free = _free(rests, np.arange(len(rests.sensor.coefficients)), beside=len(BESIDE))
     estimate = _fit(rests, free, x, last.scatter, priors)
     x[free] = estimate.value
     judged = [(group.chi2, group.dof) for group in last.groups]
@@ -174,7 +177,7 @@ def _fit(
             start=x[free],
             linearise=linearise,
             noise=np.ones(len(whiten(started.residual))),
-            scale=np.concatenate([rests.sensor.natural, [G0, 1.0, 1.0, 1.0]])[free],
+            scale=np.concatenate([rests.sensor.natural, [G0, 1.0, 1.0, 1.0, 1.0]])[free],
             priors=tuple(known),
             wanted=tuple(name for name in chosen if name not in BESIDE),
             rounding=_ROUNDING,

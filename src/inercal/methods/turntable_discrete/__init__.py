@@ -78,6 +78,7 @@ def least_squares(
         ways = planned(bench, steps)
     else:
         observations, ways = _followed(observations, observations.track, steps)
+        observations = _read_back(observations, sensor, bench, steps)
     estimate = solve(problem(_drifting(observations, sensor), sensor, bench, ways, priors))
     require_observed(estimate, sensor, missing=())
     return estimate
@@ -144,6 +145,24 @@ def drift_covariance(
     # Within one span min(t, t′) averages to its start plus a third of its length.
     np.fill_diagonal(walked, middle - lasting[:, 0] / 6)
     return alike * variance + walked[..., None] * walk
+
+
+def _read_back(
+    observations: Observations, sensor: Sensor, bench: Turntable, steps: Sequence[TableStep]
+) -> Observations:
+    """Return the observations with the readback's white noise σ in their covariance.
+
+    Of a position the mean of n readings is off by σ/√n about each axis, which turns gravity; of a
+    rotation over T the two ends by σ, which is √2 σ/T of the mean rate.
+    """
+    count, lasting = observations.samples, observations.duration
+    turns = np.array([isinstance(step, Rotation) for step in steps])
+    force = np.where(turns, 0.0, bench.gravity.value * bench.white / np.sqrt(count))
+    rate = np.where(turns, np.sqrt(2) * bench.white / lasting, 0.0)
+    forces = np.array([axis.measures == "f" for axis in sensor.axes])
+    sd = np.where(forces, force[:, None], rate[:, None])
+    added = sd[..., None] ** 2 * np.eye(len(sensor.axes))
+    return replace(observations, covariance=observations.covariance + added)
 
 
 def _drifting(observations: Observations, sensor: Sensor) -> Observations:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from inercal.benches.turntable import Turntable
 from inercal.benches.turntable_attitude import reference
-from inercal.earth import EARTH_RATE, normal_gravity
+from inercal.earth import EARTH_RATE
 from inercal.errors import InputError
 from inercal.methods.turntable.model import earth
 from inercal.pipeline.turntable.rates import of_gyros, of_table, rough
@@ -27,7 +27,6 @@ Array = NDArray[np.float64]
 _AXES = 3
 _CLEAR, _ODD = 100.0, 30.0  # χ² of three components
 _FAR = 0.3  # of the earth's rate: less harms little
-_GRAVITY = 1e-3  # of normal gravity: 3 km of height, far more than anomalies
 _NEAR_UNIT = 0.2
 _FELT = np.radians(20) / 3600 / G0  # of G, as far as gyros on a table feel gravity
 
@@ -35,7 +34,7 @@ _FELT = np.radians(20) / 3600 / G0  # of G, as far as gyros on a table feel grav
 def require_earth(
     where: str, track: Track, sensor: Sensor, bench: Turntable
 ) -> tuple[Finding, ...]:
-    """Return a warning where the gyros see another rate of the earth than stated, or g is odd.
+    """Return a warning where the gyros see another rate of the earth than stated.
 
     Parameters
     ----------
@@ -52,11 +51,10 @@ def require_earth(
     InputError
         It is the earth's rate beyond doubt, but at another azimuth or latitude.
     """
-    found = _gravity(bench)
     gyros = [axis.measures == "w" for axis in sensor.axes]
     made = _seen(track, sensor, bench, np.array(gyros)) if sum(gyros) == _AXES else None
     if made is None:
-        return found
+        return ()
     seen, covariance = made
     stated = earth(bench)
     # The stated azimuth has its deviation, which turns the horizontal part.
@@ -64,7 +62,7 @@ def require_earth(
     off = seen - stated
     chi2 = float(off @ np.linalg.solve(covariance + np.outer(aside, aside), off))
     if chi2 < _ODD or np.linalg.norm(off) < _FAR * EARTH_RATE:
-        return found
+        return ()
     sd = np.sqrt(np.diagonal(covariance))
     told = ", ".join(
         f"{degrees(x) * 3600:.1f} ± {2 * degrees(s) * 3600:.1f} °/h {name} "
@@ -81,7 +79,7 @@ def require_earth(
         )
     words += " (k = 2); in brackets as latitude and azimuth say: look at these in [bench], at "
     words += "drift beyond the gyros' bias_instability, and at g-sensitivity"
-    return (*found, Finding("warning", "earth", words))
+    return (Finding("warning", "earth", words),)
 
 
 def _would_be(seen: Array, bench: Turntable) -> str:
@@ -145,16 +143,3 @@ def _feels_gravity(sensor: Sensor, axis: str) -> bool:
         name.startswith(f"{axis}.") and sensor.coefficient(name).group == "g"
         for name in sensor.coefficients
     )
-
-
-def _gravity(bench: Turntable) -> tuple[Finding, ...]:
-    """Warn of a gravity that is not that of the latitude."""
-    normal = normal_gravity(bench.latitude, 0.0).value
-    if abs(bench.gravity.value / normal - 1) < _GRAVITY:
-        return ()
-    text = (
-        f"gravity {bench.gravity.value:.6g} m/s² against {normal:.4g} m/s² of the latitude, "
-        f"{degrees(bench.latitude):.4g}°, at sea level: look at [bench] gravity; the "
-        "accelerometers' scales take it over"
-    )
-    return (Finding("warning", "gravity", text),)

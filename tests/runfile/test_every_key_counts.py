@@ -1,0 +1,161 @@
+"""Every key of [bench] and [sensor] changes the result or its uncertainty, or is refused.
+
+The keys are those of the schema and the methods those there are: a new key is in this test without
+an edit, and a new method without a case fails it. What a key changes may also be the verdict, as of
+a height that only checks gravity.
+"""
+
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from tests.runfile.sweep import (
+    EXAMPLES,
+    Content,
+    alternatives,
+    example,
+    keys,
+    planning,
+    silent_keys,
+    toml,
+    with_key,
+)
+
+from inercal.errors import InputError
+from inercal.io.write import write_recording
+from inercal.methods import METHODS
+from inercal.pipeline import named_as_in, simulate
+from inercal.recording import Recording
+from inercal.runfile import read
+
+Change = tuple[str, str, object]
+
+
+@dataclass(frozen=True)
+class Case:
+    """A run file of the examples with changes, and the folder of its tables where it has some."""
+
+    path: str
+    changes: tuple[Change, ...] = ()
+    method: str = ""
+
+    @property
+    def content(self) -> Content:
+        """The run file's content."""
+        return example(self.path, *self.changes)
+
+
+def recording(path: str, rate: str, *changes: Change) -> Case:
+    """Return a case of a simulated recording of few samples."""
+    small: tuple[Change, ...] = (("data", "rate", rate), ("data", "file", "log.npz"))
+    return Case(path, (*small, *changes))
+
+
+def seconds(each: str) -> Change:
+    return ("method", "seconds", each)
+
+
+def of(name: str) -> Change:
+    return ("method", "name", name)
+
+
+NO_GYROS: tuple[Change, ...] = (
+    ("sensor", "gyro", None),
+    ("sensor", "truth", {"ax.k0": "12 mg", "az.k1": "0.6 %", "ax.delta_o": "10 ′"}),
+)
+NO_TURNS: tuple[Change, ...] = (
+    ("bench", "turn_angle", None),
+    ("bench", "turn_tilt", None),
+    ("method", "turn", None),
+    ("method", "turn_seconds", None),
+)
+SPINS = ("method", "turns", 4)
+TABLE = "turntable/mimu.toml"
+QUICK = {
+    "six_position": recording(
+        "ferraris_simulated/run.toml",
+        "25 Hz",
+        of("six_position"),
+        seconds("4 s"),
+        *NO_GYROS,
+        *NO_TURNS,
+    ),
+    "six_position of means": Case("six_position/run.toml"),
+    "ferraris": recording(
+        "ferraris_simulated/run.toml", "25 Hz", seconds("4 s"), ("method", "turn_seconds", "4 s")
+    ),
+    "dual_orthogonal of means": Case("dividing_head/lab.toml"),
+    "tumble": Case("dividing_head/tumble.toml"),
+    "ship_multi_angle of means": Case("rate_table/ship.toml"),
+}
+SLOW = {
+    "multi_position": recording(
+        "hand_held/simulated.toml", "50 Hz", ("method", "positions", 14), seconds("2 s")
+    ),
+    "centrifuge_norm": recording("centrifuge/arm_run.toml", "50 Hz", SPINS),
+    "dual_orthogonal": recording("dividing_head/pair.toml", "10 Hz", seconds("5 s")),
+    "ship_planar": recording(
+        "rate_table/ship_recording.toml", "50 Hz", of("ship_planar"), seconds("12 s")
+    ),
+    "centrifuge_norm of means": Case("centrifuge/lab.toml"),
+    "ship_multi_angle": recording("rate_table/ship_recording.toml", "50 Hz", seconds("3 s")),
+    "turntable_kalman": recording(TABLE, "50 Hz"),
+    "turntable_discrete": recording(TABLE, "50 Hz", of("turntable_discrete")),
+    "turntable_trajectory": recording(TABLE, "50 Hz", of("turntable_trajectory")),
+}
+CASES = [
+    *(pytest.param(case, id=name) for name, case in QUICK.items()),
+    *(pytest.param(case, id=name, marks=pytest.mark.slow) for name, case in SLOW.items()),
+]
+
+
+def prepared(folder: Path, case: Case) -> Content:
+    """Write what the run file names: tables of the example, or a simulated recording."""
+    content = case.content
+    for file in (EXAMPLES / case.path).parent.iterdir():
+        if file.suffix in (".csv", ".json"):
+            shutil.copy(file, folder)
+    path = folder / "run.toml"
+    path.write_text(toml(content), encoding="utf-8")
+    run = read(path)
+    if run.data.kind == "recording":
+        write_recording(named_as_in(run, simulate(run, 1)), run.file(run.data.file))
+    return content
+
+
+def test_every_method_has_a_case():
+    assert {case.content["method"]["name"] for case in (QUICK | SLOW).values()} == set(METHODS)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_every_key_counts_or_is_refused(tmp_path: Path, case: Case):
+    assert silent_keys(tmp_path, prepared(tmp_path, case)) == {}
+
+
+def test_every_key_of_planning_changes_what_is_simulated(tmp_path: Path):
+    """Limits of a table and the place of the IMU on it enter no result."""
+    content = example(TABLE, ("data", "rate", "5 Hz"), ("data", "file", "log.npz"))
+    shutil.copy(EXAMPLES / "turntable" / "path.csv", tmp_path)
+    path = tmp_path / "run.toml"
+
+    def simulated(text: str) -> Recording | None:
+        path.write_text(text, encoding="utf-8")
+        try:
+            return simulate(path, 1)
+        except InputError:
+            return None
+
+    base = simulated(toml(content))
+    assert base is not None
+    shaping = list(keys(content, planning))
+    assert shaping
+    for key, field, stated in shaping:
+        for value in alternatives(key, field, stated):
+            made = simulated(toml(with_key(content, key, value)))
+            if made is not None and (
+                made.data.shape != base.data.shape or not (made.data == base.data).all()
+            ):
+                break
+        else:
+            pytest.fail(f"{key} shapes nothing")
