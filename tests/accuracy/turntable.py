@@ -10,8 +10,9 @@ trapezoid's moving average, whose acceleration is a trapezoid. The body feels
 
     ω = Cᵀ ω_ie + Σ (axes' rates along the axes),   f = Cᵀ (g up + r̈)
 
-with r̈ of the lever arm; readings are (I + S) u + bias + drift + white noise, the drift a
-Gauss–Markov process. Readback: angle + harmonics + white noise, `latency` late.
+with r̈ of the lever arm; readings are (I + S) u + bias + drift + white noise. The drift is a
+Gauss–Markov process, or flicker over the whole recording about its mean, so that the bias is the
+mean. Readback: angle + harmonics + white noise, `latency` late.
 
 Angles in rad, rates rad/s, forces m/s², times s.
 """
@@ -68,15 +69,18 @@ class Grade:
     vrw: float
     acc_drift: float
     correlation: float = 200.0
+    flicker: bool = False  # of such a bias instability, in place of the drifts
 
 
-def grade(arw: float, gyro: float, vrw: float, acc: float) -> Grade:
+def grade(arw: float, gyro: float, vrw: float, acc: float, *, flicker: bool = False) -> Grade:
     """Return a grade of °/√h, °/h, µg/√Hz and µg."""
-    return Grade(radians(arw) / 60, gyro * DEG_H, vrw * 1e-6 * G, acc * 1e-6 * G)
+    noise = radians(arw) / 60, gyro * DEG_H, vrw * 1e-6 * G, acc * 1e-6 * G
+    return Grade(*noise, flicker=flicker)
 
 
 T = grade(0.1, 0.5, 60, 15)
 GRADES = {"T": T, "I": grade(0.05, 0.2, 40, 10), "C": grade(0.3, 5, 150, 50)}
+NAVIGATION = grade(0.002, 0.01, 5, 10, flicker=True)
 
 
 @dataclass(frozen=True)
@@ -247,6 +251,35 @@ def drift(
     return np.asarray(lfilter([1.0], [1.0, -kept], noise, axis=1))
 
 
+def flicker(
+    rng: np.random.Generator, size: float, n: int, hz: float, shape: tuple[int, ...]
+) -> Array:
+    """Return noise of the two-sided density B²/(2π f), B = `size`, (*shape, n), less its mean.
+
+    White noise, whose density is one sample's variance over `hz`, is shaped in frequency over four
+    times the length, of which one piece is taken: what repeats after the whole is no neighbour, and
+    the noise goes on below the inverse of the length.
+    """
+    whole = 1 << (4 * n - 1).bit_length()
+    f = np.fft.rfftfreq(whole, 1 / hz)
+    gain = np.zeros(f.size)
+    gain[1:] = size * np.sqrt(hz / (2 * pi * f[1:]))
+    made = np.empty((*shape, n))
+    for at in np.ndindex(*shape):
+        spectrum = gain * np.fft.rfft(rng.standard_normal(whole))
+        made[at] = np.fft.irfft(spectrum, whole)[:n]
+    return made - made.mean(axis=-1, keepdims=True)
+
+
+def _drift(
+    rng: np.random.Generator, sensor: Grade, size: float, n: int, hz: float, trials: int
+) -> Array:
+    """Return the drift of a grade, (trials, n, 3)."""
+    if sensor.flicker:
+        return np.moveaxis(flicker(rng, size, n, hz, (trials, 3)), 1, 2)
+    return drift(rng, size, sensor.correlation, n, hz, trials)
+
+
 def draw(
     seed: int,
     trials: int,
@@ -307,12 +340,11 @@ def draw(
         for m, size in enumerate(table.harmonics):
             angles[k] += size * np.sin((m + 1) * late + phases[k, m])
     root = sqrt(hz)
-    c = sensor.correlation
     rates += sensor.arw * root * rng.standard_normal(rates.shape)
-    gyro_drift = drift(rng, sensor.gyro_drift, c, n, hz, trials)
+    gyro_drift = _drift(rng, sensor, sensor.gyro_drift, n, hz, trials)
     rates += gyro_drift
     forces += sensor.vrw * root * rng.standard_normal(forces.shape)
-    acc_drift = drift(rng, sensor.acc_drift, c, n, hz, trials)
+    acc_drift = _drift(rng, sensor, sensor.acc_drift, n, hz, trials)
     forces += acc_drift
     angles += table.white * rng.standard_normal(angles.shape)
     return Draw(

@@ -56,7 +56,7 @@ class Drawn:
 
         After each epoch a part of x, `fed`, is fed back to an estimate beside the filter.
         """
-        made = steps(EPOCHS, N, K, M, np.arange(N))
+        made = steps(EPOCHS, N, K, M, np.eye(N))
         x, p, beside = np.zeros(N), self.prior.copy(), np.zeros(N)
         found = np.zeros((EPOCHS, N))
         for e in range(EPOCHS):
@@ -75,7 +75,7 @@ class Drawn:
             made.rows[e] = p
             beside, x = beside + fed * x, (1 - fed) * x
             found[e] = beside + x
-        added, variance = smoothed(made)
+        added, variance = smoothed(made, np.zeros((N, N)), p)
         return found, found + added, variance
 
 
@@ -98,5 +98,5 @@ def test_a_constant_is_all_along_what_it_is_at_the_end():
 
 
 def test_of_a_way_back_that_nobody_asks_for_one_epoch_is_kept():
-    made = steps(1000, N, K, M, np.zeros(0, dtype=np.int64))
+    made = steps(1000, N, K, M, np.zeros((0, N)))
     assert sum(part.size for part in made) < 10 * N * N

@@ -22,7 +22,7 @@ from tests.methods.turntable_cases import (
 
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gaussian
-from inercal.methods.turntable_discrete import drift_covariance, least_squares
+from inercal.methods.turntable_discrete import least_squares
 from inercal.recording import Observations
 from inercal.sensors import Sensor
 
@@ -99,24 +99,6 @@ def test_a_known_delay_of_the_readback_changes_little_from_rest_to_rest():
     late = replace(BENCH, latency=replace(BENCH.latency, value=5e-3))
     one, other = (least_squares(seen, made, bench, plan) for bench in (BENCH, late))
     assert np.abs((one.value - other.value)[0, :24] / one.std[0, :24]).max() < 0.2
-
-
-def test_drift_between_means_is_that_of_simulated_drift():
-    rng = np.random.default_rng(2)
-    drawn: Array = np.asarray(made_by.drift(rng, 2.0, 200.0, 4000, 4.0, 400))  # 1000 s
-    start, stop = np.array([0.0, 90.0, 500.0]), np.array([90.0, 130.0, 900.0])
-    means = np.stack(
-        [drawn[:, int(4 * a) : int(4 * b)].mean(axis=1) for a, b in zip(start, stop, strict=True)]
-    )
-    simulated = np.einsum("rti,sti->rs", means, means) / (400 * 3)
-    stated = drift_covariance(np.array([4.0]), np.zeros(1), np.array([200.0]), start, stop)[..., 0]
-    assert np.abs(simulated - stated).max() < 0.05 * 4
-
-
-def test_drift_as_a_walk_grows_with_time():
-    start, stop = np.array([0.0, 100.0]), np.array([10.0, 130.0])
-    made = drift_covariance(np.zeros(1), np.array([3.0]), np.array([200.0]), start, stop)[..., 0]
-    assert made == pytest.approx(3.0 * np.array([[10 / 3, 5.0], [5.0, 110.0]]))
 
 
 def test_positions_alone_leave_scale_and_misalignment_of_gyros_open():

@@ -1,6 +1,7 @@
 """Batch least squares over a recording: against dense algebra, the generator and the filters."""
 
 from dataclasses import replace
+from math import inf
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from tests.methods.turntable_cases import (
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gaussian
 from inercal.methods.turntable import model
+from inercal.methods.turntable.drift import Drift
 from inercal.methods.turntable_kalman import METHOD as FILTERS
 from inercal.methods.turntable_trajectory import _kernels, solved, trajectory
 from inercal.methods.turntable_trajectory.rows import Resting, Turning
@@ -61,29 +63,40 @@ def _dense(whitened: Array, rows: Array, covariance: Array) -> None:
     assert np.abs(made - exact).max() < 1e-9 * np.abs(exact).max()
 
 
-def test_whitened_increments_make_the_sums_of_the_whole_covariance():
+@pytest.mark.parametrize("averaged", [False, True])
+def test_whitened_increments_make_the_sums_of_the_whole_covariance(averaged: bool):
     rng = np.random.default_rng(3)
-    e, m, readback, tau = 9, 4, 0.3, 2.0
+    e, m, readback = 9, 4, 0.3
     since, lost = rng.uniform(0.5, 1.5, e), np.arange(e) == 5
     drifting, earth = rng.normal(size=(e, 3, 3)), rng.normal(0, 0.1, 3)
     half = rng.normal(size=(e, 3, 3))
-    driven, drift = half @ half.swapaxes(1, 2), np.array([(0.5, 0.1), (0.2, 0.0), (1.0, 0.3)])
+    driven, walk = half @ half.swapaxes(1, 2), np.array([0.1, 0.0, 0.3])
+    times = np.array([2.0, 7.0, inf])
+    variance = np.array([(0.5, 0.2, 1.0), (0.1, 0.4, 0.0), (0.0, 0.0, 0.0)])
+    drift, components = Drift(times, variance, walk, averaged=averaged), len(times)
     rows = rng.normal(size=(e, 3, m))
     # The same by matrices: all noises ν, z = S (increments), z = N ν.
     turn = np.array([[0, earth[2], -earth[1]], [-earth[2], 0, earth[0]], [earth[1], -earth[0], 0]])
-    size = 3 + 3 * (e + 1) * 2 + 3 * e
-    noise, phi, gamma = np.zeros(size), np.zeros((3, size)), np.zeros((3, size))
+    size = 3 + 3 * (e + 1) * (1 + components) + 3 * e
+    noise, phi, gamma = np.zeros(size), np.zeros((3, size)), np.zeros((components, 3, size))
     phi[:, :3], noise[:3] = np.eye(3), readback
-    gamma[:, 3:6], noise[3:6] = np.eye(3), drift[:, 0]
-    total, at, zs, by = np.zeros((3, m)), 6, list[Array](), list[Array]()
+    at = 3
+    for c in range(components):
+        gamma[c, :, at : at + 3], noise[at : at + 3] = np.eye(3), variance[c]
+        at += 3
+    total, zs, by = np.zeros((3, m)), list[Array](), list[Array]()
     for k in range(e):
-        kept, carry = np.exp(-since[k] / tau), np.eye(3) + turn * since[k]
-        phi, gamma = carry @ phi + drifting[k] @ gamma, kept * gamma
+        kept, carry = np.exp(-since[k] / times), np.eye(3) + turn * since[k]
+        phi = carry @ phi + drifting[k] @ gamma.sum(axis=0)
+        gamma = kept[:, None, None] * gamma
         root = np.linalg.cholesky(driven[k])
         phi[:, at : at + 3], noise[at : at + 3] = root, 1.0
-        gamma[:, at + 3 : at + 6] = np.eye(3)
-        noise[at + 3 : at + 6] = drift[:, 0] * (1 - kept**2) + drift[:, 1] * since[k]
-        at += 6
+        at += 3
+        for c in range(components):
+            gamma[c, :, at : at + 3] = np.eye(3)
+            grown = walk * since[k] if np.isinf(times[c]) else variance[c] * (1 - kept[c] ** 2)
+            noise[at : at + 3] = grown
+            at += 3
         total = carry @ total + rows[k]
         if lost[k]:
             total, phi = np.zeros((3, m)), np.zeros((3, size))
@@ -95,7 +108,7 @@ def test_whitened_increments_make_the_sums_of_the_whole_covariance():
     all_by = np.concatenate(by)
     covariance = all_by * noise @ all_by.T + readback * np.eye(len(all_by))
     made = rows.copy()
-    _kernels.whiten(since, made, drifting, driven, readback, drift, tau, earth, lost)
+    _kernels.whiten(since, made, drifting, driven, readback, drift, drift.covariance(), earth, lost)
     assert not made[5].any()
     _dense(made.reshape(3 * e, m), np.concatenate(zs), covariance)
 
@@ -108,9 +121,11 @@ def test_whitened_means_make_the_sums_of_the_whole_covariance():
         np.ones((8, 3)),
     )
     made = rows.copy()
-    _kernels.whiten_each(time, made, white, np.array([(4.0, 0.0)] * 3), 200.0)
+    drift = Drift(np.array([200.0, 10.0]), np.array([[4.0] * 3, [2.0] * 3]), np.zeros(3), True)
+    _kernels.whiten_each(time, made, white, drift, drift.covariance(), 0.0)
+    apart = np.abs(time[:, None] - time)
     for k in range(3):
-        covariance = 4 * np.exp(-np.abs(time[:, None] - time) / 200) + np.eye(8)
+        covariance = 4 * np.exp(-apart / 200) + 2 * np.exp(-apart / 10) + np.eye(8)
         _dense(made[:, k], rows[:, k], covariance)
 
 
@@ -125,7 +140,7 @@ def test_jacobians_are_those_of_the_residuals(kind: str):
     draw = made_by.draw(2, 1, path, hz=50.0)
     whole = track(observations(draw, made))
     of = Turning if kind == "w" else Resting
-    part = of.of(model.triad(made, kind), bench, whole)
+    part = of.of(model.triad(made, kind, 60.0), bench, whole)
     names = part.part.sensor.coefficients
     theta = np.zeros(len(names))
     drawn = [k for k, name in enumerate(names) if ".g_" not in name and ".k2" not in name]
@@ -183,6 +198,21 @@ def test_the_filters_make_the_same_of_the_same_recording():
         filtered = FILTERS.estimator(name)(seen, part, late, ())
         off = (filtered.value - batch.value[:, : filtered.value.shape[1]])[:, :12]
         assert (np.abs(off) < 0.35 * batch.std[:, :12]).all(), name
+
+
+def test_of_flicker_both_find_the_mean_over_the_run():
+    grade = replace(made_by.T, gyro_drift=10 * made_by.T.gyro_drift, flicker=True)
+    made = sensor(grade)
+    path = [("home", (0, 0, 0), 25.0), *made_by.positions(10.0), *made_by.turns(360.0, 30.0)]
+    draw = made_by.draw(8, 2, path, grade, hz=50.0)
+    seen = observations(draw, made)
+    batch = trajectory(seen, made, BENCH, ())
+    filtered = FILTERS.estimator("full")(seen, made, BENCH, ())
+    at = [k for k, name in enumerate(made.coefficients) if name.endswith(("bias", "k0"))]
+    apart = (batch.value[:, at] - filtered.value[:, at]) / batch.std[:, at]
+    assert np.abs(apart).max() < 0.5
+    assert np.abs(filtered.std[:, at] / batch.std[:, at] - 1).max() < 0.1
+    assert (np.abs(errors(batch, draw, made)[0])[:, at] / batch.std[:, at]).max() < 4
 
 
 def test_samples_that_were_lost_cost_only_what_they_would_have_said():

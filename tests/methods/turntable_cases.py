@@ -69,7 +69,7 @@ def sensor(grade: turntable.Grade = turntable.T, *also: str, flicker: bool = Fal
                 axis.noise,
                 white=noises[axis.measures][0],
                 bias_instability=noises[axis.measures][1],
-                correlation=0.0 if flicker else grade.correlation,
+                correlation=0.0 if flicker or grade.flicker else grade.correlation,
             ),
         )
         for axis in made.axes

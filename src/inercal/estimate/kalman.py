@@ -19,8 +19,9 @@ x̂_s = x̂ + P λ and P_s = P − P Λ P; λ and Λ are zero at the end, and be
 ν the innovation, s its variance, k = P h / s. It gives what Rauch, Tung and Striebel (1965, AIAA
 Journal 3(8), 1445–1450) give, but inverts no covariance: constants that are hardly known at the
 start make one singular. Only P λ is added to an estimate, so that errors that a filter has fed back
-need no account. Source: Bierman, Fixed interval smoothing with discrete measurements,
-International Journal of Control 18(1), 1973, 65–75.
+need no account. What an estimate has in common with a sum g of the states at the end is P μ, with
+μ = g there, μ ← (I − h kᵀ) μ before an update and Φᵀ μ before a prediction. Source: Bierman, Fixed
+interval smoothing with discrete measurements, International Journal of Control 18(1), 1973, 65–75.
 """
 # Numba's decorator has no types.
 # pyright: reportUntypedFunctionDecorator=false
@@ -32,7 +33,6 @@ from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 class Steps(NamedTuple):
@@ -47,18 +47,18 @@ class Steps(NamedTuple):
     gain: Array  # (e, m, n), k
     off: Array  # (e, m), ν
     s: Array  # (e, m), 0 of what was not observed
-    wanted: Indices  # (r,), the states that are asked for
+    wanted: Array  # (r, n), what is asked for: sums of states with these weights
     rows: Array  # (e, r, n), theirs of P after the epoch
 
 
-def steps(epochs: int, n: int, k: int, m: int, wanted: Indices) -> Steps:
-    """Return room for the steps of a filter; of one epoch where no state is wanted.
+def steps(epochs: int, n: int, k: int, m: int, wanted: Array) -> Steps:
+    """Return room for the steps of a filter; of one epoch where nothing is wanted.
 
     Parameters
     ----------
     epochs, n, k, m : int
         e, states, driven states, observations.
-    wanted : (r,) array of int
+    wanted : (r, n) array
     """
     e = epochs if wanted.size else 1
     return Steps(
@@ -69,7 +69,7 @@ def steps(epochs: int, n: int, k: int, m: int, wanted: Indices) -> Steps:
         np.zeros((e, m)),
         np.zeros((e, m)),
         wanted,
-        np.zeros((e, wanted.size, n)),
+        np.zeros((e, len(wanted), n)),
     )
 
 
@@ -149,25 +149,57 @@ def update(x: Array, p: Array, h: Array, z: float, r: float, gain: Array) -> tup
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def smoothed(steps: Steps) -> tuple[Array, Array]:
+def keep_rows(p: Array, steps: Steps, row: int) -> None:
+    """Write the rows of P of what is wanted to a row of the steps."""
+    for r in range(len(steps.wanted)):
+        kept = steps.rows[row, r]
+        kept[:] = 0.0
+        for s in range(len(p)):
+            weight = steps.wanted[r, s]
+            if weight != 0.0:
+                for j in range(len(p)):
+                    kept[j] += weight * p[s, j]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def smoothed(steps: Steps, against: Array, p: Array) -> tuple[Array, Array]:
     """Return what all epochs add to the filter's estimates, (e, r), and the variances then, (e, r).
 
-    Of the states that are wanted, after each epoch.
+    Of what is wanted, after each epoch.
+
+    Parameters
+    ----------
+    steps : Steps
+    against : (r, n) array
+        Sums of the states after the last epoch: variances are those of the differences from these.
+    p : (n, n) array
+        Covariance after the last epoch.
     """
     count, r, n = steps.rows.shape
     by, large = np.zeros(n), np.zeros((n, n))  # λ, Λ
     added, variance = np.zeros((count, r)), np.zeros((count, r))
     moved, ahead = np.zeros(n), np.zeros((n, n))
+    back, apart = against.copy(), np.any(against != 0.0)
     for e in range(count - 1, -1, -1):
-        for i, state in enumerate(steps.wanted):
+        for i in range(r):
             row = steps.rows[e, i]
             added[e, i] = row @ by
-            variance[e, i] = row[state] - row @ (large @ row)
+            variance[e, i] = row @ steps.wanted[i] - row @ (large @ row)
+            if apart:
+                variance[e, i] += against[i] @ (p @ against[i]) - 2 * (row @ back[i])
         for j in range(steps.s.shape[1] - 1, -1, -1):
             if steps.s[e, j] > 0:
                 _before_update(steps.h[e, j], steps.gain[e, j], steps.off[e, j], steps.s[e, j],
                                by, large)  # fmt: skip
+                if apart:
+                    for i in range(r):
+                        along = steps.gain[e, j] @ back[i]
+                        for m in range(n):
+                            back[i, m] -= steps.h[e, j, m] * along
         _before_predict(steps.a[e], steps.keep[e], by, large, moved, ahead)
+        if apart:
+            for i in range(r):
+                _carry_back(steps.a[e], steps.keep[e], back[i], moved)
     return added, variance
 
 
@@ -190,12 +222,7 @@ def _before_predict(
 ) -> None:
     """Carry λ and Λ back over a prediction, in place; `moved` and `ahead` are overwritten."""
     k, n = a.shape
-    for i in range(n):
-        moved[i] = keep[i] * by[i] if i >= k else 0.0
-        for m in range(k):
-            moved[i] += a[m, i] * by[m]
-    for i in range(n):
-        by[i] = moved[i]
+    _carry_back(a, keep, by, moved)
     for i in range(n):
         for j in range(n):
             ahead[i, j] = large[i, j] * keep[j] if j >= k else 0.0
@@ -209,3 +236,15 @@ def _before_predict(
                 total += a[m, i] * ahead[m, j]
             large[i, j] = total
             large[j, i] = total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _carry_back(a: Array, keep: Array, by: Array, moved: Array) -> None:
+    """Write Φᵀ λ in place of λ; `moved` is overwritten."""
+    k, n = a.shape
+    for i in range(n):
+        moved[i] = keep[i] * by[i] if i >= k else 0.0
+        for m in range(k):
+            moved[i] += a[m, i] * by[m]
+    for i in range(n):
+        by[i] = moved[i]

@@ -34,7 +34,6 @@ from inercal.recording import Track
 from inercal.runfile import Run
 
 Array = NDArray[np.float64]
-_TIMES, _BESIDE = 2.0, 600.0  # as long as planned, and s: what a run with pauses may take
 
 
 @dataclass
@@ -98,7 +97,7 @@ class Live:
         self.time = nan
         self._sensor, self._bench, self._way = run.sensor, run.bench, WAYS[run.estimator]
         self._priors = apart(run.sensor, run.priors)
-        self._lasting = _TIMES * seconds_on_turntable(run.bench, run.table_steps) + _BESIDE
+        self._lasting = seconds_on_turntable(run.bench, run.table_steps)
         self._waiting: list[Track] = []
         self._filters: list[_OfGyros | _OfAccelerometers] = []
 
@@ -162,7 +161,7 @@ class Live:
             made = gyros_filter(sensor, bench, track, way, self._priors, self._lasting)
             filters.append(_OfGyros(made, made.start(track)))
         if "f" in kinds:
-            made = accelerometers_filter(sensor, bench, track, way, self._priors)
+            made = accelerometers_filter(sensor, bench, track, way, self._priors, self._lasting)
             filters.append(_OfAccelerometers(made, made.start(track)))
         for one in filters:
             one.step(track)

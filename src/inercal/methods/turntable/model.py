@@ -18,18 +18,14 @@ from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gaussian, NullDirection
 from inercal.estimate.nullspace import echelon
 from inercal.methods.observed import in_natural_words
+from inercal.methods.turntable.drift import NONE, Drift, drift
 from inercal.methods.turntable.terms import BIAS, Terms, terms
 from inercal.parameters import Parameter
 from inercal.recording import Track
-from inercal.sensors import G0, Noise, Sensor
+from inercal.sensors import G0, Sensor
 
 Array = NDArray[np.float64]
 ARCSEC = radians(1 / 3600)
-# Bias instability B is flicker (`sensors.noise`), which no filter of few states holds. Over runs of
-# 4 to 30 minutes, of which the mean is the bias, one Gauss–Markov process of sd 1.35 B and 100 s
-# makes uncertainties as large as the errors within 20 % in variance; tests say so. B and 200 s, the
-# drift of the source of the filters, make them too small by up to 30 % where drift prevails.
-_FLICKER, _LASTING = 1.35, 100.0
 PERIOD = 0.1  # s between epochs
 GAP = 0.5  # s without a sample, beyond which the attitude is taken from the table anew
 # rad. What rates taken as linear between samples miss, beside kinks, which are in Q; and a readback
@@ -65,39 +61,24 @@ class Triad:
         Their columns in the recording.
     white : (3,) array
         Variance of the integral of the noise, SI²/s.
-    drift : (3, 2) array
-        Of each bias: variance of its drift, and of its walk by second.
-    correlation : float
-        Time of the drift, s.
+    drift : Drift
+        Of the biases.
     """
 
     sensor: Sensor
     terms: Terms
     channels: NDArray[np.int64]
     white: Array
-    drift: Array
-    correlation: float
+    drift: Drift
 
 
-def drifts(noises: Sequence[Noise]) -> tuple[Array, Array]:
-    """Return variances of m biases' drift and of their walk by second, (m, 2), and times, (m,) s.
-
-    Parameters
-    ----------
-    noises : sequence of m Noise
-    """
-    made = [
-        (one.bias_instability, one.correlation)
-        if one.correlation
-        else (_FLICKER * one.bias_instability, _LASTING)
-        for one in noises
-    ]
-    variance = [(sd**2, one.random_walk**2) for (sd, _), one in zip(made, noises, strict=True)]
-    return np.array(variance), np.array([lasting for _, lasting in made])
+def lasting(track: Track, planned: float | None) -> float:
+    """Return how long a run lasts, s: as planned, or the track's own where no plan is given."""
+    return float(track.time[-1] - track.time[0]) if planned is None else planned
 
 
-def triad(sensor: Sensor, kind: str, *, drifting: bool = True) -> Triad:
-    """Return the accelerometers ("f") or the gyros ("w") of a sensor.
+def triad(sensor: Sensor, kind: str, lasting: float, *, drifting: bool = True) -> Triad:
+    """Return the accelerometers ("f") or the gyros ("w") of a sensor in a run of `lasting` s.
 
     Raises
     ------
@@ -109,16 +90,12 @@ def triad(sensor: Sensor, kind: str, *, drifting: bool = True) -> Triad:
     if not all(one.white > 0 for one in noise):
         which = "accelerometer" if kind == "f" else "gyro"
         raise InputError(f"[sensor.{which}] white: a filter needs the noise; state it")
-    drift, correlation = drifts(noise)
-    if np.ptp(correlation) > 0:
-        raise InputError(f"{part.name}: a filter takes one correlation time of the drift for all")
     return Triad(
         part,
         terms(part),
         np.array([sensor.channels.index(name) for name in part.channels]),
         np.array([one.white**2 for one in noise]),
-        drift if drifting else np.zeros((3, 2)),
-        float(correlation[0]),
+        drift(noise, lasting, part.name) if drifting else NONE,
     )
 
 

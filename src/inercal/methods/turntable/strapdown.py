@@ -170,9 +170,19 @@ def add_up(cm: Array, phi: Array, dt: float, used: Indices, made: Array) -> None
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def driven_by(
-    made: Array, axis: Indices, weights: Array, used: Indices, sign: float, first: int, a: Array
+    made: Array,
+    axis: Indices,
+    weights: Array,
+    used: Indices,
+    sign: float,
+    first: int,
+    components: int,
+    a: Array,
 ) -> None:
-    """Write the columns of coefficients, from `first` on, and of the drift; begin a new sum."""
+    """Write the columns of coefficients, from `first` on, and of the drift; begin a new sum.
+
+    Of each bias the drift is the sum of so many components.
+    """
     gm = first + axis.size
     for k in range(3):
         for s in range(axis.size):
@@ -180,7 +190,8 @@ def driven_by(
             for b in used:
                 a[k, first + s] += sign * weights[s, b] * made[b, k, axis[s]]
         for j in range(3):
-            a[k, gm + j] = sign * made[0, k, j]
+            for c in range(components):
+                a[k, gm + 3 * c + j] = sign * made[0, k, j]
     made[:] = 0.0
 
 

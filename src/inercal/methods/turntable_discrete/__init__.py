@@ -3,13 +3,8 @@
 Accelerometers read gravity in positions, gyros the earth's rate there and steady rates of both
 signs in rotations: biases and the earth's rate are what the signs leave, scale and misalignment
 what they turn. What the table may be off by is a nuisance with its stated deviation; the drift of
-biases makes neighbouring rows alike::
-
-    cov(r, s) = σ² τ² (1 − e^(−T_r/τ)) (1 − e^(−T_s/τ)) e^(−gap/τ) / (T_r T_s)
-    var(r)    = 2 σ² τ² (T_r/τ − 1 + e^(−T_r/τ)) / T_r²
-
-of the Gauss–Markov process that stands for bias instability (`turntable.model`). Accelerometers
-take no part in rotations, where an unstated lever arm would be felt.
+biases makes neighbouring rows alike (`turntable.drift.covariance_of_means`), and a bias is its mean
+over the run. Accelerometers take no part in rotations, where an unstated lever arm would be felt.
 
 Source: IEEE Std 1293 and 1431, multipoint and rate tests; Titterton and Weston, Strapdown Inertial
 Navigation Technology, 2nd edition, chapter 8.
@@ -30,8 +25,8 @@ from inercal.estimate import least_squares as solve
 from inercal.methods import vectors
 from inercal.methods._base import Method
 from inercal.methods.observed import require_observed
+from inercal.methods.turntable.drift import covariance_of_means
 from inercal.methods.turntable.left_out import by_key
-from inercal.methods.turntable.model import drifts
 from inercal.methods.turntable_discrete.felt import Way, felt, mean, planned, rows
 from inercal.plan import Position, Rotation, TableStep
 from inercal.recording import Observations, Track
@@ -121,32 +116,6 @@ def problem(
     return replace(some, candidates=candidates)
 
 
-def drift_covariance(
-    variance: Array, walk: Array, correlation: Array, start: Array, stop: Array
-) -> Array:
-    """Return the covariance of m drifting biases between means over r spans, (r, r, m).
-
-    Parameters
-    ----------
-    variance, walk : (m,) arrays
-        Of the drift, SI², and of its walk by second, SI²/s.
-    correlation : (m,) array
-        Time of the drift, s.
-    start, stop : (r,) arrays
-        s; spans do not overlap.
-    """
-    r, lasting = np.arange(len(start)), (stop - start)[:, None]
-    gap = np.maximum(start[:, None] - stop, start - stop[:, None])
-    fall = -np.expm1(-lasting / correlation) * correlation / lasting
-    alike = fall[:, None] * fall * np.exp(-np.maximum(gap, 0.0)[..., None] / correlation)
-    alike[r, r] = 2 * correlation / lasting * (1 - fall)
-    middle = 0.5 * (start + stop) - start.min()
-    walked = np.minimum(middle[:, None], middle)
-    # Within one span min(t, t′) averages to its start plus a third of its length.
-    np.fill_diagonal(walked, middle - lasting[:, 0] / 6)
-    return alike * variance + walked[..., None] * walk
-
-
 def _read_back(
     observations: Observations, sensor: Sensor, bench: Turntable, steps: Sequence[TableStep]
 ) -> Observations:
@@ -167,14 +136,18 @@ def _read_back(
 
 def _drifting(observations: Observations, sensor: Sensor) -> Observations:
     """Return the observations with the drift that the sensor states, in place of another."""
-    drift, correlation = drifts([axis.noise for axis in sensor.axes])
-    if not drift.any():
+    noises = [axis.noise for axis in sensor.axes]
+    if not any(one.bias_instability or one.random_walk for one in noises):
         return observations
     start = observations.time - observations.duration / 2
     stop = start + observations.duration
-    return replace(
-        observations, drift=drift_covariance(drift[:, 0], drift[:, 1], correlation, start, stop)
+    track = observations.track
+    run = (
+        (float(start.min()), float(stop.max()))
+        if track is None
+        else (float(track.time[0]), float(track.time[-1]))
     )
+    return replace(observations, drift=covariance_of_means(noises, start, stop, run))
 
 
 def _followed(

@@ -1,7 +1,7 @@
 """Compiled: the accelerometers' filter, sample by sample; its dense oracle stands in the tests.
 
-States: δV (3), φ (3), p coefficients, drift of the biases (3), q of the table's parameters, and,
-where there are two more, the error of each hold's angles about east and north.
+States: δV (3), φ (3), p coefficients, drift of the biases (`turntable.drift`), q of the table's
+parameters, and, where there are two more, the error of each hold's angles about east and north.
 
 A table at rest keeps the attitude, the earth's turn included, so that nothing of the gyros enters:
 what they are off by would be taken for tilt. The force is known as well, g along the vertical of
@@ -18,7 +18,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from inercal.estimate.kalman import Steps, predict, update
+from inercal.estimate.kalman import Steps, keep_rows, predict, update
+from inercal.methods.turntable.drifting import drifted, drifting, predict_drift
 from inercal.methods.turntable.strapdown import (
     add_up,
     apart,
@@ -32,8 +33,8 @@ from inercal.methods.turntable.terms import FORCE
 from inercal.methods.turntable_kalman._common import (
     Model,
     Work,
+    average,
     corrected,
-    drifted,
     product,
     take,
     walked,
@@ -77,7 +78,7 @@ class State(NamedTuple):
     x: Array  # (n,)
     p: Array  # (n, n)
     made: Array  # (BASIS, 3, 3), Σ C M φ Δt since the epoch before
-    time: Array  # (2,) s, of the sample and of the epoch before
+    time: Array  # (3,) s, of the sample and of the epoch before, and of the start
     force: Array  # (3,), of the sample before
     velocity: Array  # (3,) m/s
     hold: Indices  # (1,), number of the sample's before
@@ -110,9 +111,11 @@ def accelerometers(
     x, p, theta = state.x, state.p, state.theta
     count, n = theta.size, x.size
     gm = 6 + count
-    done = work(model, theta, x[gm : gm + 3])
+    table, components, drift = gm + model.size, model.drift.times.size, np.zeros(3)
+    drifting(x, gm, components, drift)
+    done = work(model, theta, drift)
     _felt(model, state, done)
-    drawn, driven, z = np.zeros(n), np.zeros((6, 6)), np.zeros(5)
+    drawn, driven, z, joint = np.zeros(n), np.zeros((6, 6)), np.zeros(5), np.zeros((components, 3))
     # A literal 0 would have `_carry` compiled a second time, for itself.
     total, first = 0.0, int(np.int64(0))
     for e in range(readback.epochs.size):
@@ -122,18 +125,20 @@ def accelerometers(
         first = _carry(first, readback.epochs[e] + 1, samples, model, state, done)
         if here != state.hold[0]:
             state.hold[0] = here
-            _begin(e, readback, model, settings, state, a, keep, drawn, driven)
+            _begin(e, readback, model, settings, state, a, keep, drawn, joint, driven)
             predict(p, a, keep, driven, drawn)
+            predict_drift(model.drift, gm, joint, p)
             history[e, :6] = 0.0
             steps.s[row] = 0.0
         else:
-            _transition(model, state, done, a, keep, drawn, driven)
+            _transition(model, state, done, a, keep, drawn, joint, driven)
             predict(p, a, keep, driven, drawn)
-            _observe(e, readback, state, done, z, h)
+            predict_drift(model.drift, gm, joint, p)
+            _observe(e, readback, model, state, done, z, h)
             nis = 0.0
             for k in range(5):
                 history[e, k] = z[k]
-                for j in range(gm + 3, n):
+                for j in range(table, n):
                     history[e, k] -= h[k, j] * x[j]
                 variance = settings.still if k < 3 else readback.noise[e, k - 3]
                 off, s = update(x, p, h[k], z[k], variance, gain[k])
@@ -142,13 +147,15 @@ def accelerometers(
             history[e, 5] = nis
             total += nis
             _feed_back(state, done)
-        corrected(done, model, theta, x[gm : gm + 3])
+        drifting(x, gm, components, drift)
+        corrected(done, model, theta, drift)
         _felt(model, state, done)
         for s in range(n):
             history[e, 6 + s] = theta[s - 6] if 6 <= s < gm else x[s]
             history[e, 6 + n + s] = p[s, s]
-        for r, s in enumerate(steps.wanted):
-            take(p[s], 0, steps.rows[row, r])
+        elapsed = state.time[1] - state.time[2]
+        average(model, elapsed, 6, x, p, history[e, 6 : 6 + n], history[e, 6 + n :])
+        keep_rows(p, steps, row)
     _carry(first, samples.time.size, samples, model, state, done)
     return total
 
@@ -204,6 +211,7 @@ def _begin(
     a: Array,
     keep: Array,
     drawn: Array,
+    joint: Array,
     driven: Array,
 ) -> None:
     """Begin a hold: attitude from the table, velocity zero; Φ and Q keep all but what is its own.
@@ -211,7 +219,7 @@ def _begin(
     The drift goes on.
     """
     gm = 6 + state.theta.size
-    own = gm + 3 + readback.beside.shape[2]  # where a hold's own error begins
+    own = gm + model.size + readback.beside.shape[2]  # where a hold's own error begins
     a[:] = 0.0
     driven[:] = 0.0
     keep[:] = 1.0
@@ -221,7 +229,8 @@ def _begin(
     for s in range(own, keep.size):
         keep[s], drawn[s] = 0.0, readback.held[e, s - own]
         state.x[s] = 0.0
-    drifted(model, state.time[0] - state.time[1], gm, state.x, keep, drawn)
+    since, elapsed = state.time[0] - state.time[1], state.time[0] - state.time[2]
+    drifted(model.drift, elapsed, since, gm, state.x, keep, drawn, joint)
     state.time[1] = state.time[0]
     state.velocity[:] = 0.0
     state.made[:] = 0.0
@@ -236,6 +245,7 @@ def _transition(
     a: Array,
     keep: Array,
     drawn: Array,
+    joint: Array,
     driven: Array,
 ) -> None:
     """Write Φ and Q since the epoch before, as `predict` takes them; begin a new epoch."""
@@ -246,21 +256,24 @@ def _transition(
     a[:] = 0.0
     keep[:] = 1.0
     drawn[:] = 0.0
-    driven_by(state.made, terms.axis, terms.weights, done.used, 1.0, 6, a)
+    driven_by(state.made, terms.axis, terms.weights, done.used, 1.0, 6, len(joint), a)
     walked(done.cm, model.white, since, driven)
     for k in range(3):
         a[k, k] = a[3 + k, 3 + k] = 1.0
-    drifted(model, since, 6 + terms.axis.size, state.x, keep, drawn)
+    elapsed = state.time[1] - state.time[2]
+    drifted(model.drift, elapsed, since, 6 + terms.axis.size, state.x, keep, drawn, joint)
     # (0, 0, g) × φ. −[ω_ie×] is in neither: the velocity is that of a table that stands.
     a[0, 4], a[1, 3] = -gravity * since, gravity * since
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _observe(e: int, readback: Readback, state: State, done: Work, z: Array, h: Array) -> None:
+def _observe(
+    e: int, readback: Readback, model: Model, state: State, done: Work, z: Array, h: Array
+) -> None:
     """Write velocity, and what the readback says beyond the attitude, z = h x + noise."""
     beside, off = readback.beside, done.fed
     gm, q, n = 6 + state.theta.size, beside.shape[2], state.x.size
-    own = gm + 3 + q
+    own = gm + model.size + q
     take(state.velocity, 0, z[:3])
     apart(readback.attitude[e], state.c, off)
     h[:] = 0.0
@@ -270,7 +283,7 @@ def _observe(e: int, readback: Readback, state: State, done: Work, z: Array, h: 
         z[3 + k] = off[k]
         h[3 + k, 3 + k] = 1.0
         for j in range(q):
-            h[3 + k, gm + 3 + j] = beside[e, k, j]
+            h[3 + k, gm + model.size + j] = beside[e, k, j]
         if own < n:
             h[3 + k, own + k] = -1.0
 

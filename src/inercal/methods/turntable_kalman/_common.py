@@ -11,8 +11,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from inercal.methods.turntable.drift import Drift
 from inercal.methods.turntable.strapdown import matrix, sum_up, taken
-from inercal.methods.turntable.terms import BASIS, Terms
+from inercal.methods.turntable.terms import BASIS, BIAS, Terms
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -23,8 +24,8 @@ class Model(NamedTuple):
 
     terms: Terms
     white: Array  # (3,), variance of the integral of the noise, SI²/s
-    drift: Array  # (3, 2), of each bias: variance of its drift, and of its walk by second
-    correlation: float  # s, of the drift
+    drift: Drift  # of the biases
+    size: int  # of the drift's states
     earth: Array  # (3,) rad/s, level frame
     gravity: float  # m/s²
 
@@ -100,10 +101,45 @@ def walked(cm: Array, noise: Array, since: float, out: Array) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def drifted(model: Model, since: float, first: int, x: Array, keep: Array, drawn: Array) -> None:
-    """Carry the drift, three states from `first` on, over a time; write diagonals of Φ and Q."""
-    kept, drift = np.exp(-since / model.correlation), model.drift
-    for k in range(3):
-        x[first + k] *= kept
-        keep[first + k] = kept
-        drawn[first + k] = drift[k, 0] * (1 - kept * kept) + drift[k, 1] * since
+def average(
+    model: Model, elapsed: float, before: int, x: Array, p: Array, value: Array, variance: Array
+) -> None:
+    """Write biases as means over the run so far, in place of the constants, and their variances.
+
+    Parameters
+    ----------
+    model : Model
+    elapsed : float
+        s since the start.
+    before : int
+        Where the coefficients begin in the state; the drift follows them.
+    x, p : (n,) and (n, n) arrays
+    value, variance : (n,) arrays
+        Changed where a coefficient is a bias.
+    """
+    times, _variance, _walk, averaged = model.drift
+    if not averaged or elapsed <= 0:
+        return
+    axis, weights, components = model.terms.axis, model.terms.weights, times.size
+    first = before + axis.size
+    at, by = np.empty(components + 2, np.int64), np.empty(components + 2)
+    for s in range(axis.size):
+        others = 0.0
+        for b in range(BASIS):
+            if b != BIAS:
+                others += abs(weights[s, b])
+        if others > 0:
+            continue
+        at[0], by[0] = before + s, 1.0
+        for c in range(components):
+            mean = 1.0 if np.isinf(times[c]) else -times[c] / elapsed
+            at[1 + c], by[1 + c] = first + 3 * c + axis[s], mean / weights[s, BIAS]
+        at[components + 1] = first + 3 * components + axis[s]
+        by[components + 1] = 1 / elapsed / weights[s, BIAS]
+        total = 0.0
+        for i in range(at.size):
+            if i > 0:
+                value[at[0]] += by[i] * x[at[i]]
+            for j in range(at.size):
+                total += by[i] * p[at[i], at[j]] * by[j]
+        variance[at[0]] = total

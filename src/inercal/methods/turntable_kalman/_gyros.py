@@ -1,8 +1,8 @@
 """Compiled: the gyros' filter, sample by sample; its dense oracle stands in the tests.
 
 Rates are parabolas through the last three samples, with the second-order term of coning (Miller
-1983, J. Guidance 6(4), 287–291). States: φ (3), p coefficients, drift of the biases (3), q of the
-table's parameters. What a readback says of φ is in `_readback`.
+1983, J. Guidance 6(4), 287–291). States: φ (3), p coefficients, drift of the biases
+(`turntable.drift`), q of the table's parameters. What a readback says of φ is in `_readback`.
 """
 # Numba's decorator has no types.
 # pyright: reportUntypedFunctionDecorator=false
@@ -13,7 +13,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from inercal.estimate.kalman import Steps, predict, update
+from inercal.estimate.kalman import Steps, keep_rows, predict, update
+from inercal.methods.turntable.drifting import drifted, drifting, predict_drift
 from inercal.methods.turntable.strapdown import (
     JUMPED,
     SUDDEN,
@@ -29,8 +30,8 @@ from inercal.methods.turntable.terms import FORCE, RATE, SQUARE
 from inercal.methods.turntable_kalman._common import (
     Model,
     Work,
+    average,
     corrected,
-    drifted,
     product,
     take,
     walked,
@@ -80,15 +81,17 @@ def gyros(
         Written at each epoch.
     history : (e, 4 + 2 n) array
         Written at each epoch: innovations (3), NIS, the estimates (x with the coefficients
-        in their place, φ zero) and their variances.
+        in their place, φ zero) and their variances; a bias that drifts as the mean so far.
     """
     x, p, theta = state.x, state.p, state.theta
     count, n = theta.size, x.size
     gm = 3 + count
     fed, z, spread = np.zeros(3), np.zeros(3), np.zeros(3)
+    components = model.drift.times.size
     if settings.closed:
-        take(x, gm, fed)  # the drift that readings are corrected by
+        drifting(x, gm, components, fed)  # what readings are corrected by
     done = work(model, theta, fed)
+    joint = np.zeros((components, 3))
     drawn, driven = np.zeros(n), np.zeros((3, 3))
     # A literal 0 would have `_carry` compiled a second time, for itself.
     total, first = 0.0, int(np.int64(0))
@@ -96,13 +99,16 @@ def gyros(
         row = e % len(steps.s)
         a, keep, h, gain = steps.a[row], steps.keep[row], steps.h[row], steps.gain[row]
         first = _carry(first, readback.epochs[e] + 1, samples, model, settings, state, done)
-        _transition(model, settings, state, done, a, keep, drawn, driven)
+        _transition(model, settings, state, done, a, keep, drawn, joint, driven)
         lost = state.lost[0]
         if lost:
             align(e, readback, settings, state, done, a, driven)
-        if not settings.closed:
+        if settings.closed:
+            _turned_by_earth(settings, x, a)
+        else:
             _follow(x, a)
         predict(p, a, keep, driven, drawn)
+        predict_drift(model.drift, gm, joint, p)
         if lost:
             history[e, :4] = 0.0
             steps.s[row] = 0.0
@@ -124,13 +130,14 @@ def gyros(
             if settings.closed:
                 feed_back(model, state, done, fed)
         if settings.closed:
-            take(x, gm, fed)
+            drifting(x, gm, components, fed)
         corrected(done, model, theta, fed)
         for s in range(n):
             history[e, 4 + s] = theta[s - 3] + x[s] if 3 <= s < gm else x[s]
             history[e, 4 + n + s] = p[s, s]
-        for r, s in enumerate(steps.wanted):
-            take(p[s], 0, steps.rows[row, r])
+        elapsed = state.time[1] - state.time[2]
+        average(model, elapsed, 3, x, p, history[e, 4 : 4 + n], history[e, 4 + n :])
+        keep_rows(p, steps, row)
     _carry(first, samples.time.size, samples, model, settings, state, done)
     return total
 
@@ -215,6 +222,7 @@ def _transition(
     a: Array,
     keep: Array,
     drawn: Array,
+    joint: Array,
     driven: Array,
 ) -> None:
     """Write Φ and Q since the epoch before, as `predict` takes them; begin a new epoch."""
@@ -229,19 +237,34 @@ def _transition(
                 for j in range(3):
                     sums[row, b, k, j] -= made[b, k, j]
     a[:] = 0.0
-    driven_by(made, terms.axis, terms.weights, done.used, -1.0, 3, a)
+    driven_by(made, terms.axis, terms.weights, done.used, -1.0, 3, len(joint), a)
     walked(done.cm, model.white, since, driven)
     for k in range(3):
         a[k, k] = 1.0
         driven[k, k] += bent
     state.bent[0] = 0.0
-    drifted(model, since, 3 + terms.axis.size, state.x, keep, drawn)
+    elapsed = state.time[1] - state.time[2]
+    drifted(model.drift, elapsed, since, 3 + terms.axis.size, state.x, keep, drawn, joint)
     # −[ω_ie×] within an epoch.
     a[0, 1], a[0, 2], a[1, 2] = earth[2] * since, -earth[1] * since, earth[0] * since
     a[1, 0], a[2, 0], a[2, 1] = -a[0, 1], -a[0, 2], -a[1, 2]
     if settings.late[2] >= 0:
         # The level frame is the table's: turned clockwise it sees the earth's rate go west.
         a[0, settings.late[2]] = earth[1] * since
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _turned_by_earth(settings: Settings, x: Array, a: Array) -> None:
+    """Carry φ by the azimuth as found so far, which the attitude is not integrated with."""
+    azimuth = settings.late[2]
+    if azimuth < 0:
+        return
+    moved = np.zeros(3)
+    for k in range(3):
+        moved[k] = a[k, azimuth] * x[azimuth]
+        for j in range(3):
+            moved[k] += a[k, j] * x[j]
+    take(moved, 0, x[:3])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -16,6 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from inercal.estimate.kalman import update
+from inercal.methods.turntable.drifting import drifting
 from inercal.methods.turntable.strapdown import apart, around, copy, delayed, turn_level
 from inercal.methods.turntable_kalman._common import Model, Work, product, take
 
@@ -157,6 +158,7 @@ def observe(
         model.terms.axis, model.terms.weights, done.used, done.half, done.fed, done.turn,
     )  # fmt: skip
     gm, lasting = 3 + axis.size, state.time[0] - state.time[2]
+    own, components = gm + model.size, model.drift.times.size  # where the table's begin
     when, variance = _stamp(e, readback, settings, state, x, p)
     delayed(times, past, newest, when, then, rate, turn)
     for k in range(3):
@@ -169,7 +171,7 @@ def observe(
     for k in range(3):
         h[k, k] = 1.0
         for j in range(beside.shape[2]):
-            h[k, gm + 3 + j] = beside[e, k, j]
+            h[k, own + j] = beside[e, k, j]
         if late[0] >= 0:
             h[k, late[0]] = -rate[k]
             z[k] -= rate[k] * x[late[0]]
@@ -183,8 +185,10 @@ def observe(
                 h[k, 3 + t] -= weights[t, b] * (early + share * (later - early))
         for j in range(3):
             early, later = sums[before, 0, k, j], sums[after, 0, k, j]
-            h[k, gm + j] = -(early + share * (later - early))
-            z[k] += h[k, gm + j] * fed[j]
+            since = -(early + share * (later - early))
+            for c in range(components):
+                h[k, gm + 3 * c + j] = since
+            z[k] += since * fed[j]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -260,8 +264,9 @@ def feed_back(model: Model, state: State, done: Work, fed: Array) -> None:
     x, theta, past, sums, turn = state.x, state.theta, state.past, state.sums, done.turn
     axis, weights, used = model.terms.axis, model.terms.weights, done.used
     by = np.zeros((sums.shape[1], 3))  # what each of φ adds to readings anew
+    drifting(x, 3 + axis.size, model.drift.times.size, turn)
     for j in range(3):
-        by[0, j] = x[3 + axis.size + j] - fed[j]
+        by[0, j] = turn[j] - fed[j]
     for b in used:
         for s in range(axis.size):
             by[b, axis[s]] += weights[s, b] * x[3 + s]

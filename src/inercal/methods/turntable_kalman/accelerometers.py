@@ -1,11 +1,11 @@
 """The accelerometers' filter: velocity at rest should stay zero, and the table says what is up.
 
-States: δV (3), φ (3), coefficients, drift of the biases (3), and what the table's attitude may be
-off by: lean of the base, right angles and harmonics of the readback; or the lean and, anew at each
-hold, an error of its angles (2) that stands for the others. At every hold the attitude is taken
-from the table, which keeps it, and the velocity set to zero and integrated; what is found is fed
-back ten times a second. The source integrates the attitude by the gyros: what these are off by,
-their sensitivity to g above all, is then taken for tilt.
+States: δV (3), φ (3), coefficients, drift of the biases (`turntable.drift`), and what the table's
+attitude may be off by: lean of the base, right angles and harmonics of the readback; or the lean
+and, anew at each hold, an error of its angles (2) that stands for the others. At every hold
+the attitude is taken from the table, which keeps it, and the velocity set to zero and integrated;
+what is found is fed back ten times a second. The source integrates the attitude by the gyros: what
+these are off by, their sensitivity to g above all, is then taken for tilt.
 """
 
 from collections.abc import Sequence
@@ -87,6 +87,7 @@ class Accelerometers:
         table: Literal["whole", "lean", "exact"] = "whole",
         readback: float | None = None,
         still: float = STILL,
+        lasting: float | None = None,
     ) -> "Accelerometers":
         """Return the filter, with first values from the rest that a track begins with.
 
@@ -101,13 +102,15 @@ class Accelerometers:
             none.
         readback, still : float
             rad, m/s; None is the bench's noise.
+        lasting : float, optional
+            As planned, s; None is the track's.
 
         Raises
         ------
         InputError
             A sensor that a filter does not take, or no rest to begin with.
         """
-        part = model.triad(sensor, "f", drifting=drifting)
+        part = model.triad(sensor, "f", model.lasting(track, lasting), drifting=drifting)
         first, prior = model.begin(part, priors, model.coarse(bench, track, part))
         seen = misalignment(bench, np.zeros((1, len(bench.axes)))).parameters
         kept = tuple(
@@ -137,18 +140,20 @@ class Accelerometers:
     def start(self, track: Track) -> State:
         """Return the state before the first sample of a track."""
         p, q = len(self.first), len(self.table)
-        n = 9 + p + q + (2 if self.holds else 0)
+        d = self.part.drift.size
+        n = 6 + p + d + q + (2 if self.holds else 0)
         covariance = np.zeros((n, n))
         covariance[6 : 6 + p, 6 : 6 + p] = self.prior
-        at = np.arange(6 + p, 9 + p + q)
-        covariance[at, at] = [*self.part.drift[:, 0], *(one.sd**2 for one in self.table)]
+        covariance[6 + p :, 6 + p :][:d, :d] = self.part.drift.covariance()
+        at = np.arange(6 + p + d, 6 + p + d + q)
+        covariance[at, at] = [one.sd**2 for one in self.table]
         return State(
             c=np.eye(3),
             theta=self.first.copy(),
             x=np.zeros(n),
             p=covariance,
             made=np.zeros((BASIS, 3, 3)),
-            time=np.full(2, track.time[0]),
+            time=np.full(3, track.time[0]),
             force=np.zeros(3),
             velocity=np.zeros(3),
             hold=np.array([-1]),
@@ -176,7 +181,7 @@ class Accelerometers:
             track.time, track.hold, model.PERIOD * (1 - 1e-6), after.time[1], after.hold[0]
         )
         history = np.zeros((epochs.size, 6 + 2 * state.x.size))
-        steps = room(self.states, smooth, epochs.size, 6, 5)
+        steps = room(self.part, self.states, smooth, epochs.size, 6, 5)
         nis = _accelerometers.accelerometers(
             Samples(
                 track.time,
@@ -192,7 +197,10 @@ class Accelerometers:
         )
         taken = int((history[:, 5] > 0).sum())
         after = after._replace(nis=state.nis + nis, epochs=state.epochs + taken)
-        made = course("accelerometers", self.states, smooth, track.time[epochs], history, steps)
+        made = course(
+            self.part, "accelerometers", self.states, smooth, track.time[epochs], history, steps,
+            after,
+        )  # fmt: skip
         return after, made, steps
 
     def _readback(self, epochs: NDArray[np.int64], angles: Array) -> Readback:

@@ -15,7 +15,7 @@ from inercal.methods.turntable import left_out as columns
 from inercal.methods.turntable.left_out import Column, Columns
 from inercal.methods.turntable_kalman import ways
 from inercal.methods.turntable_kalman.accelerometers import Accelerometers
-from inercal.methods.turntable_kalman.common import TILT
+from inercal.methods.turntable_kalman.common import TILT, averaging
 from inercal.methods.turntable_kalman.gyros import Gyros
 from inercal.methods.turntable_kalman.ways import Found
 from inercal.recording import Observations, Track
@@ -55,6 +55,7 @@ def of_gyros(made: Gyros, found: Found, track: Track, time: Array, steps: Steps)
     some, _ = columns.of_gyros(made.part, made.bench, theta, whole, _angles(track, whole))
     phi = made.states.index(TILT[0])
     sums = left_out(steps, _start(made, some), some.driven, phi, some.seen, 0)
+    sums = _averaged(made, track, time, sums)
     return _checked("gyros", made, time, steps, some.all, _timed(made, found, some.all, sums))
 
 
@@ -66,7 +67,17 @@ def of_accelerometers(
     some = columns.of_accelerometers(made.part, made.bench, theta, time, _angles(track, time))
     start, seen = _start(made, some), some.seen[:, : steps.s.shape[1] - 3]
     sums = left_out(steps, start, some.driven, 0, seen, 3, ways.observed(made))
+    sums = _averaged(made, track, time, sums)
     return _checked("accelerometers", made, time, steps, some.all, sums)
+
+
+def _averaged(made: Gyros | Accelerometers, track: Track, time: Array, sums: LeftOut) -> LeftOut:
+    """Return the sums with biases as means over the run, as they are estimated."""
+    if not (made.part.drift.averaged and time.size):
+        return sums
+    end = float(track.time[-1])
+    by, _ = averaging(made.part, made.states, end - float(track.time[0]), end - float(time[-1]))
+    return sums._replace(moved=sums.moved + by @ sums.moved)
 
 
 def _start(made: Gyros | Accelerometers, some: Columns) -> Array:

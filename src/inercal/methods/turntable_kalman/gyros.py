@@ -1,8 +1,8 @@
 """The gyros' filter: what they make of the attitude against what the table says of it.
 
-States: φ (3), coefficients, drift of the biases (3), and what the table's attitude may be off by
-(latency, clock, right angles, harmonics of the readback). The attitude is integrated from the rates
-as corrected so far and compared ten times a second; what is found is fed back.
+States: φ (3), coefficients, drift of the biases (`turntable.drift`), and what the table's attitude
+may be off by (latency, clock, right angles, harmonics of the readback). The attitude is integrated
+from the rates as corrected so far and compared ten times a second; what is found is fed back.
 
 A readback may be ahead of the IMU or behind it: the one that comes first waits for the other, so
 that each is compared with an attitude between samples, at most 8 standard deviations of the latency
@@ -46,6 +46,7 @@ _SPAN = (
     0.1  # s; where less is known of a delay it does not act in first order as the table speeds up
 )
 _SPARE = 8  # samples of the ring beyond those: two at either end for a cubic, and uneven steps
+_TIMES, _PAUSES = 2.0, 600.0  # as long as planned, and s: what a run with pauses may take
 _DRIVEN = ("latency", "clock", "azimuth")
 _ALIGNED = 60 * ARCSEC  # sd of φ where the attitude is taken from the table
 
@@ -116,7 +117,7 @@ class Gyros:
             rad. 4″ hold what the readback's noise, and rates taken as linear between samples at
             100 Hz, are off by.
         lasting : float, optional
-            s that the run takes at most; as long as the track where it is left out.
+            s that the run takes as planned; pauses come on top. None is the track's.
 
         Raises
         ------
@@ -124,7 +125,7 @@ class Gyros:
             A sensor that a filter does not take, no rest to begin with, or a latency that is not
             known well enough.
         """
-        part = model.triad(sensor, "w", drifting=drifting)
+        part = model.triad(sensor, "w", model.lasting(track, lasting), drifting=drifting)
         first, prior = model.begin(part, priors, model.coarse(bench, track, part))
         loose = [q for q in bench.parameters if q.sd > 0]
         wanted = [q for q in loose if q.name in _DRIVEN and drifting]
@@ -150,15 +151,16 @@ class Gyros:
     def start(self, track: Track) -> State:
         """Return the state before the first sample of a track."""
         p, q = len(self.first), len(self.table)
-        n = 6 + p + q
+        d = self.part.drift.size
+        n = 3 + p + d + q
         covariance = np.zeros((n, n))
         covariance[:3, :3] = _ALIGNED**2 * np.eye(3)
         covariance[3 : 3 + p, 3 : 3 + p] = self.prior
-        known = np.concatenate([self.part.drift[:, 0], [one.sd**2 for one in self.table]])
-        at = np.arange(3 + p, n)
-        covariance[at, at] = known
+        covariance[3 + p :, 3 + p :][:d, :d] = self.part.drift.covariance()
+        at = np.arange(3 + p + d, n)
+        covariance[at, at] = [one.sd**2 for one in self.table]
         x = np.zeros(n)
-        x[6 + p :] = [one.value for one in self.table]
+        x[3 + p + d :] = [one.value for one in self.table]
         time, mat = float(track.time[0]), reference(self.bench, track.angles[:1])[0]
         reading, waits = track.reading[0, self.part.channels], np.zeros((0, 5))
         return State(
@@ -205,7 +207,7 @@ class Gyros:
         angles = np.ascontiguousarray(angles[epochs])
         history = np.zeros((epochs.size, 4 + 2 * state.x.size))
         late = self._late()
-        steps = room(self.states, smooth, epochs.size, 3, 3)
+        steps = room(self.part, self.states, smooth, epochs.size, 3, 3)
         nis = _gyros.gyros(
             samples,
             Readback(
@@ -229,7 +231,9 @@ class Gyros:
         )
         taken = int((history[:, 3] > 0).sum())
         after = after._replace(nis=state.nis + nis, epochs=state.epochs + taken)
-        made = course("gyros", self.states, smooth, samples.time[epochs], history, steps)
+        made = course(
+            self.part, "gyros", self.states, smooth, samples.time[epochs], history, steps, after
+        )
         return after, made, steps
 
     def _paired(self, tail: Array, track: Track) -> tuple[Samples, Array, Array, Array]:
@@ -255,7 +259,7 @@ class Gyros:
 
     def _late(self) -> NDArray[np.int64]:
         """Return where latency, clock and azimuth stand among the states."""
-        names, first = [q.name for q in self.table], 6 + len(self.first)
+        names, first = [q.name for q in self.table], 3 + len(self.first) + self.part.drift.size
         return np.array([first + names.index(n) if n in names else -1 for n in _DRIVEN])
 
 
@@ -269,11 +273,10 @@ def _waiting(bench: Turntable, track: Track, sd: float, lasting: float | None) -
     sd : float
         Of the latency, s.
     lasting : float or None
-        Of the run, s; None is the track's own.
+        Of the run as planned, s; None is the track's own.
     """
     late, step = bench.latency.value, float(np.median(np.diff(track.time)))
-    if lasting is None:
-        lasting = float(track.time[-1] - track.time[0])
+    most = model.lasting(track, None) if lasting is None else _TIMES * lasting + _PAUSES
     ahead = _SURELY * sd - late
     # A sample beyond the delay's own time serves to tell how the way bends there.
     lag = ceil(ahead / step - 1e-9) + 1 if sd > 0 or late != 0 else 0
@@ -284,4 +287,4 @@ def _waiting(bench: Turntable, track: Track, sd: float, lasting: float | None) -
             f"{1e3 * span:.3g} ms; the gyros' filter takes ± {1e3 * _SPAN / 2 / _SURELY:.3g} ms at "
             "most: find the latency first, by a turn back and forth, and state it"
         )
-    return lag, ceil((span + _SURELY * bench.clock * lasting) / step) + _SPARE
+    return lag, ceil((span + _SURELY * bench.clock * most) / step) + _SPARE

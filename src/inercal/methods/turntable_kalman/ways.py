@@ -12,6 +12,7 @@ from inercal.methods.turntable import model
 from inercal.methods.turntable.model import ARCSEC
 from inercal.methods.turntable_kalman import _accelerometers, _readback
 from inercal.methods.turntable_kalman.accelerometers import STILL, Accelerometers
+from inercal.methods.turntable_kalman.common import averaging
 from inercal.methods.turntable_kalman.gyros import Gyros
 from inercal.recording import Track
 from inercal.sensors import Sensor
@@ -70,12 +71,13 @@ def accelerometers_filter(
     track: Track,
     way: Way,
     priors: Sequence[Gaussian] = (),
+    lasting: float | None = None,
 ) -> Accelerometers:
     """Return the accelerometers' filter of an estimator; arguments as of `Accelerometers.of`."""
     return Accelerometers.of(
         sensor, bench, track, priors,
         drifting=way.drifting, table=way.holding_table, readback=way.readback(bench)[1],
-        still=way.still,
+        still=way.still, lasting=lasting,
     )  # fmt: skip
 
 
@@ -84,7 +86,8 @@ def of_gyros(made: Gyros, state: _readback.State) -> Found:
     p = len(made.first)
     value = state.x[3:].copy()
     value[:p] += state.theta
-    return Found(value, state.p[3:, 3:], np.zeros((p, p)))
+    value, covariance = _averaged(made, value, state.p[3:, 3:], state)
+    return Found(value, covariance, np.zeros((p, p)))
 
 
 def of_accelerometers(made: Accelerometers, state: _accelerometers.State) -> Found:
@@ -94,9 +97,25 @@ def of_accelerometers(made: Accelerometers, state: _accelerometers.State) -> Fou
     value[:p] = state.theta
     along = model.of_gravity(made.part) * g.sd / g.value
     shared = np.outer(along, along)
-    covariance = state.p[6:, 6:].copy()
+    value, covariance = _averaged(made, value, state.p[6:, 6:].copy(), state)
     covariance[:p, :p] += shared
     return Found(value, covariance, shared)
+
+
+def _averaged(
+    made: Gyros | Accelerometers,
+    value: Array,
+    covariance: Array,
+    state: _readback.State | _accelerometers.State,
+) -> tuple[Array, Array]:
+    """Return states from the coefficients on with biases as means over the run so far."""
+    if not made.part.drift.averaged:
+        return value, covariance
+    sample, epoch, start = state.time[:3].tolist()
+    states = made.states[len(made.states) - len(value) :]
+    by, variance = averaging(made.part, states, sample - start, sample - epoch)
+    by += np.eye(len(by))
+    return by @ value, by @ covariance @ by.T + np.diag(variance)
 
 
 def observed(made: Gyros | Accelerometers) -> int:

@@ -3,7 +3,7 @@
 The gyros carry the attitude from one readback to the next, ten times a second; accelerometers read
 gravity where the table holds. Coefficients and what the table may be off by, timing included, are
 found together by Gauss–Newton steps on residuals that are made independent exactly: the noise of
-gyros and accelerometers, that of the readback and the drift of biases (a Gauss–Markov process) go
+gyros and accelerometers, that of the readback and the drift of biases (`turntable.drift`) go
 through a filter of their own, the same for every column of the Jacobian. For normal noise no
 unbiased estimate is better (Cramér–Rao); the filters of `turntable_kalman` are held to it.
 
@@ -26,6 +26,7 @@ from inercal.methods import vectors
 from inercal.methods._base import Method
 from inercal.methods.turntable import left_out, model
 from inercal.methods.turntable.left_out import Column
+from inercal.methods.turntable.terms import BIAS
 from inercal.methods.turntable_trajectory.rows import Resting, Turning, parameters
 from inercal.plan import TableStep
 from inercal.recording import Observations, Track
@@ -98,7 +99,7 @@ def solved(
         As of `trajectory`.
     """
     parts = tuple(_parts(sensor, bench, track, epochs))
-    estimate = solve(problem(sensor, bench, parts, priors))
+    estimate = averaged(solve(problem(sensor, bench, parts, priors)), sensor, bench, parts)
     for part in parts:
         at = [sensor.coefficients.index(name) for name in part.part.sensor.coefficients]
         what = "gyros" if isinstance(part, Turning) else "accelerometers"
@@ -172,15 +173,47 @@ def problem(
     )
 
 
+def averaged(
+    estimate: Estimate, sensor: Sensor, bench: Turntable, parts: Sequence[Turning | Resting]
+) -> Estimate:
+    """Return the estimate of one trial with biases as means over the run (`turntable.drift`).
+
+    The drift is what residuals leave of it, and moves with the parameters as they do.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Of `problem`.
+    sensor, bench, parts
+        As of `problem`.
+    """
+    value, by = estimate.value.copy(), np.eye(len(estimate.names))
+    beyond = np.zeros_like(by)
+    p = len(sensor.coefficients)
+    nuisances = dict(zip(estimate.names[p:], estimate.value[p:].tolist(), strict=True))
+    for part in parts:
+        at, t = _places(part, sensor), part.part.terms
+        _, drift, covariance = part.whitened(estimate.value[at], nuisances)
+        biases = np.flatnonzero(t.bias)
+        axis, weight = t.axis[biases], t.weights[biases, BIAS]
+        value[at[biases]] += drift[axis, 0] / weight
+        columns = np.concatenate([at, np.arange(p, len(by))])
+        by[np.ix_(at[biases], columns)] -= drift[axis, 1:] / weight[:, None]
+        beyond[np.ix_(at[biases], at[biases])] = covariance[np.ix_(axis, axis)] / np.outer(
+            weight, weight
+        )
+    return replace(estimate, value=value, covariance=by @ estimate.covariance @ by.T + beyond)
+
+
 def _parts(
     sensor: Sensor, bench: Turntable, track: Track, epochs: Indices | None
 ) -> list[Turning | Resting]:
-    kinds = {axis.measures for axis in sensor.axes}
+    kinds, lasting = {axis.measures for axis in sensor.axes}, model.lasting(track, None)
     made: list[Turning | Resting] = []
     if "w" in kinds:
-        made.append(Turning.of(model.triad(sensor, "w"), bench, track, epochs))
+        made.append(Turning.of(model.triad(sensor, "w", lasting), bench, track, epochs))
     if "f" in kinds:
-        made.append(Resting.of(model.triad(sensor, "f"), bench, track))
+        made.append(Resting.of(model.triad(sensor, "f", lasting), bench, track))
     return made
 
 

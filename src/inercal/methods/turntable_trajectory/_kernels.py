@@ -9,6 +9,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from inercal.estimate.kalman import predict
+from inercal.methods.turntable.drift import Drift
+from inercal.methods.turntable.drifting import drifted, predict_drift
 from inercal.methods.turntable.strapdown import BENT, KINK, apart, copy, fill, matrix, rotate
 from inercal.methods.turntable.terms import BASIS, FORCE, RATE, SQUARE
 
@@ -138,11 +141,11 @@ def whiten(
     drifting: Array,
     driven: Array,
     readback: float,
-    drift: Array,
-    correlation: float,
+    drift: Drift,
+    start: Array,
     earth: Array,
     lost: Bools,
-) -> None:
+) -> tuple[Array, Array]:
     """Whiten sums of increments that readback's noise, a walk of φ and drift make alike, in place.
 
     With φ_k+1 = E φ_k + D_k γ + w and z_k = φ_k − v_k, the innovations of a Kalman filter of φ and
@@ -159,40 +162,45 @@ def whiten(
         As of `increments`.
     readback : float
         Variance of the attitude by readback, rad².
-    drift : (3, 2) array
-        Of each bias: variance of its drift, (rad/s)², and of its walk, (rad/s)²/s.
-    correlation : float
-        Time of the drift, s.
+    drift : Drift
+        Of the biases, of s states.
+    start : (s, s) array
+        Their covariance at the start.
     earth : (3,) array
         rad/s.
     lost : (e,) array of bool
         Which increments say nothing: the attitude begins anew after them.
+
+    Returns
+    -------
+    x : (s, m) array
+        States of the drift at the end, of the residual and of columns.
+    p : (s, s) array
+        Their covariance.
     """
-    m = rows.shape[2]
-    total, x, before = np.zeros((3, m)), np.zeros((6, m)), np.zeros((6, m))
-    p, moved, f = np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6))
-    root, gain = np.zeros((3, 3)), np.zeros((6, 3))
+    m, components = rows.shape[2], drift.times.size
+    n, elapsed = 3 + len(start), 0.0
+    total, x, before = np.zeros((3, m)), np.zeros((n, m)), np.zeros((3, m))
+    p, a, keep, drawn = np.zeros((n, n)), np.zeros((3, n)), np.ones(n), np.zeros(n)
+    joint, root, gain = np.zeros((components, 3)), np.zeros((3, 3)), np.zeros((n, 3))
+    p[3:, 3:] = start
     for k in range(3):
-        p[k, k], p[3 + k, 3 + k] = readback, drift[k, 0]
+        p[k, k], a[k, k] = readback, 1.0
     for e in range(since.size):
         dt = since[e]
-        kept = np.exp(-dt / correlation)
-        f[:] = 0.0
+        elapsed += dt
         for k in range(3):
-            f[k, k], f[3 + k, 3 + k] = 1.0, kept
-            for j in range(3):
-                f[k, 3 + j] = drifting[e, k, j]
+            for c in range(components):
+                for j in range(3):
+                    a[k, 3 + 3 * c + j] = drifting[e, k, j]
         # −[ω_ie×] of φ.
-        f[0, 1], f[0, 2], f[1, 2] = earth[2] * dt, -earth[1] * dt, earth[0] * dt
-        f[1, 0], f[2, 0], f[2, 1] = -f[0, 1], -f[0, 2], -f[1, 2]
-        _copy(x, before)
-        np.dot(f, before, x)
-        np.dot(f, p, moved)
-        np.dot(moved, f.T, p)
-        for k in range(3):
-            p[3 + k, 3 + k] += drift[k, 0] * (1 - kept * kept) + drift[k, 1] * dt
-            for j in range(3):
-                p[k, j] += driven[e, k, j]
+        a[0, 1], a[0, 2], a[1, 2] = earth[2] * dt, -earth[1] * dt, earth[0] * dt
+        a[1, 0], a[2, 0], a[2, 1] = -a[0, 1], -a[0, 2], -a[1, 2]
+        np.dot(a, x, before)
+        _copy(before, x)
+        drifted(drift, elapsed, dt, 3, x, keep, drawn, joint)
+        predict(p, a, keep, driven[e], drawn)
+        predict_drift(drift, 3, joint, p)
         if lost[e]:
             # φ is lost; drift goes on.
             total[:], x[:3], rows[e] = 0.0, 0.0, 0.0
@@ -205,7 +213,7 @@ def whiten(
             for c in range(m):
                 total[k, c] = rows[e, k, c]
                 for j in range(3):
-                    total[k, c] += f[k, j] * before[j, c]
+                    total[k, c] += a[k, j] * before[j, c]
         s = p[:3, :3] + readback * np.eye(3)
         inverse: Array = np.linalg.inv(np.linalg.cholesky(s)).astype(np.float64)
         copy(inverse, root)
@@ -213,15 +221,18 @@ def whiten(
         np.dot(root, off, rows[e])
         np.dot(np.ascontiguousarray(p[:, :3]), root.T @ root, gain)
         x += gain @ off
-        _copy(p[:3], moved)
-        p -= gain @ moved[:3]
-        for k in range(6):
+        top = p[:3].copy()
+        p -= gain @ top
+        for k in range(n):
             for j in range(k):
                 p[j, k] = p[k, j]
+    return x[3:].copy(), p[3:, 3:].copy()
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def whiten_each(time: Array, rows: Array, white: Array, drift: Array, correlation: float) -> None:
+def whiten_each(
+    time: Array, rows: Array, white: Array, drift: Drift, start: Array, begun: float
+) -> tuple[Array, Array]:
     """Whiten means of axes that drift each by itself, in place.
 
     Parameters
@@ -232,24 +243,42 @@ def whiten_each(time: Array, rows: Array, white: Array, drift: Array, correlatio
         Residual and columns, replaced.
     white : (e, 3) array
         Variance of the noise of each.
-    drift : (3, 2) array
-    correlation : float
+    drift, start
         As of `whiten`.
+    begun : float
+        When the run began, s.
+
+    Returns
+    -------
+    x, p
+        As of `whiten`, after the last mean.
     """
-    x = np.zeros(rows.shape[2])
-    for k in range(3):
-        x[:] = 0.0
-        p = drift[k, 0]
-        for e in range(time.size):
-            if e > 0:
-                dt = time[e] - time[e - 1]
-                kept = np.exp(-dt / correlation)
-                p = kept * kept * p + drift[k, 0] * (1 - kept * kept) + drift[k, 1] * dt
-                for c in range(x.size):
-                    x[c] *= kept
-            s = p + white[e, k]
-            for c in range(x.size):
-                off = rows[e, k, c] - x[c]
-                rows[e, k, c] = off / np.sqrt(s)
-                x[c] += p / s * off
-            p -= p * p / s
+    components, m, n = drift.times.size, rows.shape[2], len(start)
+    x, p = np.zeros((n, m)), start.copy()
+    keep, drawn, joint = np.ones(n), np.zeros(n), np.zeros((components, 3))
+    a, driven = np.zeros((0, n)), np.zeros((0, 0))
+    ph, last, off = np.zeros(n), begun, np.zeros(m)
+    for e in range(time.size):
+        drifted(drift, time[e] - begun, time[e] - last, 0, x, keep, drawn, joint)
+        predict(p, a, keep, driven, drawn)
+        predict_drift(drift, 0, joint, p)
+        last = time[e]
+        for k in range(3):
+            ph[:] = 0.0
+            for q in range(m):
+                off[q] = rows[e, k, q]
+            s = white[e, k]
+            for c in range(components):
+                ph += p[3 * c + k]
+                off -= x[3 * c + k]
+            for c in range(components):
+                s += ph[3 * c + k]
+            for q in range(m):
+                rows[e, k, q] = off[q] / np.sqrt(s)
+            for i in range(n):
+                if ph[i] != 0.0:
+                    for q in range(m):
+                        x[i, q] += ph[i] / s * off[q]
+                    for j in range(n):
+                        p[i, j] -= ph[i] * ph[j] / s
+    return x, p

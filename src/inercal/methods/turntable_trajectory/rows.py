@@ -92,7 +92,17 @@ class Turning:
     def rows(
         self, theta: Array, q: Mapping[str, float], beside: Array | None = None
     ) -> tuple[Array, Array]:
-        """Return the whitened residual, (3 e,), and Jacobian, (3 e, p + q + c).
+        """Return the whitened residual, (3 e,), and Jacobian, (3 e, p + q + c); see `whitened`."""
+        made, _, _ = self.whitened(theta, q, beside)
+        return made[:, 0], made[:, 1:]
+
+    def whitened(
+        self, theta: Array, q: Mapping[str, float], beside: Array | None = None
+    ) -> tuple[Array, Array, Array]:
+        """Return whitened residual and Jacobian, (3 e, 1 + p + q + c), and the drift they leave.
+
+        That is the mean of each bias' drift over the run, of the residual and of columns, (3, 1 + p
+        + q + c), and its covariance, (3, 3).
 
         Parameters
         ----------
@@ -128,12 +138,21 @@ class Turning:
         for k, one in enumerate(self.table):
             if one.name not in ("latency", "clock"):  # the reference has those in it
                 made[:, :, 0] -= made[:, :, 1 + p + k] * _off(one, q)
-        _kernels.whiten(
-            since, made, drifting, driven, self.bench.white**2, self.part.drift,
-            self.part.correlation, earth, self._lost,
+        drift = self.part.drift
+        x, covariance = _kernels.whiten(
+            since, made, drifting, driven, self.bench.white**2, drift, drift.covariance(), earth,
+            self._lost,
         )  # fmt: skip
-        flat = made.reshape(3 * n, -1)
-        return flat[:, 0], flat[:, 1:]
+        mean, variance = drift.mean(*self._elapsed)
+        return (
+            made.reshape(3 * n, -1), mean @ x, mean @ covariance @ mean.T + np.diag(variance)
+        )  # fmt: skip
+
+    @property
+    def _elapsed(self) -> tuple[float, float]:
+        """Return how long the track is, and its part after the last epoch, s."""
+        end = float(self.track.time[-1])
+        return end - float(self.track.time[0]), end - float(self.track.time[self.epochs[-1]])
 
     def left_out(self, theta: Array) -> tuple[tuple[Column, ...], Array]:
         """Return columns of what is left out, (e, 3, c), for `rows`."""
@@ -183,6 +202,8 @@ class Resting:
     bench : Turntable
     table : tuple of q Parameter
         Nuisances, in the order of columns.
+    run : (float, float)
+        Begin and end of the track, s.
     time : (e,) array
         Of the middle of each mean, s.
     reading : (e, 3) array
@@ -200,6 +221,7 @@ class Resting:
     part: model.Triad
     bench: Turntable
     table: tuple[Parameter, ...]
+    run: tuple[float, float]
     time: Array
     reading: Array
     white: Array
@@ -242,12 +264,20 @@ class Resting:
                 turned = np.cross(force, seen.by[..., names.index(one.name)])
                 made[..., k] = (back @ turned[..., None])[..., 0]
         white = part.white / (count * step)
-        return cls(part, bench, table, time[:, 0], reading, white, felt, made, angles)
+        run = float(track.time[0]), float(track.time[-1])
+        return cls(part, bench, table, run, time[:, 0], reading, white, felt, made, angles)
 
     def rows(
         self, theta: Array, q: Mapping[str, float], beside: Array | None = None
     ) -> tuple[Array, Array]:
-        """Return the whitened residual, (3 e,), and Jacobian; arguments as before."""
+        """Return the whitened residual, (3 e,), and Jacobian; as of `Turning`."""
+        made, _, _ = self.whitened(theta, q, beside)
+        return made[:, 0], made[:, 1:]
+
+    def whitened(
+        self, theta: Array, q: Mapping[str, float], beside: Array | None = None
+    ) -> tuple[Array, Array, Array]:
+        """Return whitened residual, Jacobian and the mean drift; as of `Turning`."""
         off = np.array([_off(one, q) for one in self.table])
         motion = Motion(self.felt + self.by @ off)
         residual, jacobian = vector(self.part.sensor, self.reading, theta, motion, self.by, None)
@@ -256,9 +286,14 @@ class Resting:
         if beside is not None:
             made = np.concatenate([made, beside], axis=-1)
         made = np.ascontiguousarray(made)
-        _kernels.whiten_each(self.time, made, self.white, self.part.drift, self.part.correlation)
-        flat = made.reshape(3 * e, -1)
-        return flat[:, 0], flat[:, 1:]
+        drift, (begun, end) = self.part.drift, self.run
+        x, covariance = _kernels.whiten_each(
+            self.time, made, self.white, drift, drift.covariance(), begun
+        )
+        mean, variance = drift.mean(end - begun, end - float(self.time[-1]))
+        return (
+            made.reshape(3 * e, -1), mean @ x, mean @ covariance @ mean.T + np.diag(variance)
+        )  # fmt: skip
 
     def left_out(self, theta: Array) -> tuple[tuple[Column, ...], Array]:
         """Return columns of what is left out, (e, 3, c), for `rows`."""

@@ -1,0 +1,234 @@
+"""Drift of the biases as states of a filter, and what "the bias" is where it drifts.
+
+Flicker of bias instability B, S(f) = B²/(2π f), is a sum of Gauss–Markov processes of the times
+τ_k = τ_1 r^(k−1) and variances B² ln r/π, as ∫ 2 τ/(1 + (2π f τ)²) d ln τ = 1/(2 f); both ends
+stand for what is beyond them and have more. Their Allan variance at T (IEEE Std 952, annex C)::
+
+    σ_A²(T) = Σ_k σ_k² (2 x − 3 + 4 e^−x − e^−2x)/x²,  x = T/τ_k
+
+is that of flicker, (2 ln 2/π) B², within 10 % in variance from 1 s to the span. One time a decade
+does: four states for each axis from 1 s to 10⁴ s. That is the span of all runs of up to 10⁴ s
+(2.8 h), so that a filter that goes along with a run, and does not know when it will end, has the
+states of one that does; longer runs get one more for each decade. A random walk is a state that
+never decays and begins at zero.
+
+**The bias** is the mean of the bias over the run, from the first to the last sample of its
+recording: flicker and walk have no mean that a run could find. With a filter's constant b and the
+drift d that is b̄ = b + ∫ d dt/T. The integral needs no dense row in Φ: with dD = −D/τ dt + dβ::
+
+    ∫ D dt = J − τ D,  dJ = τ dβ        J begins at τ D
+    ∫ W dt = T W + J,  dJ = −t dβ       random walk; J begins at 0
+
+J, one for each axis for all its states together, is constant but for noise that it shares with
+them. A Gauss–Markov drift with a stated correlation time has a mean of its own: of that the bias is
+this mean, and there is no J.
+
+The covariance of two means is a double integral of that of the drift, C(u) at times u apart::
+
+    cov = (G(d − a) + G(c − b) − G(d − b) − G(c − a))/((b − a)(d − c)),  G″ = C
+
+over a to b and c to d. Flicker has C = −(B²/π) ln |u| but for a constant, and a walk K has C =
+−K² |u|/2 but for what is linear in time: both fall out of departures from the mean over the run.
+"""
+
+from collections.abc import Callable, Sequence
+from math import ceil, inf, log, log10, pi
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.errors import InputError
+from inercal.sensors import Noise
+
+Array = NDArray[np.float64]
+SPAN = 1e4  # s, of the flicker's states at least
+_FIRST, _LAST = 0.8, 0.42  # the shortest time, s; the longest, of the span
+_WITHIN, _ENDS = 0.98, 1.17  # of B² ln r/π: all, and both ends beyond that; least deviation
+_UNSTATED = 1.0  # s; of a drift of variance zero
+
+
+class Drift(NamedTuple):
+    """The drift of three biases: of each c components, a sum."""
+
+    times: Array  # (c,) s; infinite for a random walk, the last one
+    variance: Array  # (c, 3) SI², stationary; zero for a random walk
+    walk: Array  # (3,) SI²/s, of the random walk
+    averaged: bool  # whether a bias is the mean over the run: there is a J for each axis
+
+    @property
+    def size(self) -> int:
+        """Number of states."""
+        return 3 * (len(self.times) + self.averaged)
+
+    @property
+    def varies(self) -> bool:
+        """Whether biases drift at all."""
+        return bool(self.variance.any() or self.walk.any())
+
+    def names(self, axes: Sequence[str]) -> tuple[str, ...]:
+        """Return the names of the states of three axes: components, then J."""
+        if self.size == 3:
+            return tuple(f"drift[{axis}]" for axis in axes)
+        words = ["walk" if np.isinf(t) else f"{t:.2g} s" for t in self.times]
+        words += ["noise"] if self.averaged else []
+        return tuple(f"drift[{axis}, {word}]" for word in words for axis in axes)
+
+    def covariance(self) -> Array:
+        """Return the covariance of the states where a run begins, (s, s)."""
+        c, made = len(self.times), np.zeros((self.size, self.size))
+        finite = np.where(np.isinf(self.times), 0.0, self.times)
+        for k in range(3):
+            own = 3 * np.arange(c) + k
+            made[own, own] = self.variance[:, k]
+            if self.averaged:
+                j = 3 * c + k
+                made[own, j] = made[j, own] = finite * self.variance[:, k]
+                made[j, j] = finite**2 @ self.variance[:, k]
+        return made
+
+    def so_far(self, states: Array, elapsed: Array) -> Array:
+        """Return the mean of the drift from the start, (e, 3), by states (e, s) at e times, s."""
+        if not self.averaged:
+            return np.zeros((len(elapsed), 3))
+        c, walks = len(self.times), np.isinf(self.times)
+        each = states.reshape(len(states), c + 1, 3)
+        decaying = np.where(walks, 0.0, self.times)
+        integral = each[:, c] - np.einsum("c,eck->ek", decaying, each[:, :c])
+        begun = (elapsed > 0)[:, None]
+        integral /= np.where(begun, elapsed[:, None], 1.0)
+        return np.where(begun, integral + each[:, :c][:, walks].sum(axis=1), 0.0)
+
+    def mean(self, elapsed: float, since: float = 0.0) -> tuple[Array, Array]:
+        """Return the mean of the drift from the start by the states, and what varies it further.
+
+        Parameters
+        ----------
+        elapsed : float
+            Since the start, s, `since` included.
+        since : float
+            s that passed since the states were predicted.
+
+        Returns
+        -------
+        rows : (3, s) array
+            Mean of each axis by the states.
+        variance : (3,) array
+            Of what the drift did since.
+        """
+        c, rows, variance = len(self.times), np.zeros((3, self.size)), np.zeros(3)
+        if not self.averaged or elapsed <= 0:
+            return rows, variance
+        for k in range(3):
+            rows[k, 3 * c + k] = 1 / elapsed
+            for n, time in enumerate(self.times.tolist()):
+                if time == inf:
+                    rows[k, 3 * n + k] = 1.0
+                    variance[k] += self.walk[k] * since**3 / 3
+                    continue
+                left = np.exp(-since / time)
+                rows[k, 3 * n + k] = -time * left / elapsed
+                shape = 2 * since / time + 1 - left**2 - 4 * (1 - left)
+                variance[k] += self.variance[n, k] * time**2 * shape
+        return rows, np.maximum(variance, 0.0) / max(elapsed, 1e-300) ** 2
+
+
+def flicker(bias_instability: float, span: float) -> tuple[Array, Array]:
+    """Return times, s, and variances of Gauss–Markov processes whose sum is flicker, (c,) each.
+
+    Parameters
+    ----------
+    bias_instability : float
+        B, in SI.
+    span : float
+        Averaging times from 1 s to this, s, have the Allan deviation of flicker within 7 %; at
+        least 1000 s.
+    """
+    count = ceil(log10(max(span, 1e3)) - 1e-9)
+    times = np.geomspace(_FIRST, _LAST * max(span, 1e3), count)
+    share = np.full(count, _WITHIN * log(times[1] / times[0]) / pi)
+    share[[0, -1]] *= _ENDS
+    return times, bias_instability**2 * share
+
+
+def drift(noises: Sequence[Noise], lasting: float, name: str = "sensor") -> Drift:
+    """Return the drift of three biases.
+
+    Parameters
+    ----------
+    noises : sequence of 3 Noise
+    lasting : float
+        Of the run, s; below 10⁴ s it makes no difference.
+    name : str
+        For messages.
+
+    Raises
+    ------
+    InputError
+        Axes of different correlation times.
+    """
+    correlation = np.array([one.correlation for one in noises])
+    if np.ptp(correlation) > 0:
+        raise InputError(f"{name}: a filter takes one correlation time of the drift for all")
+    walk = np.array([one.random_walk**2 for one in noises])
+    each = [one.bias_instability for one in noises]
+    times, variance = np.zeros(0), np.zeros((0, 3))
+    if any(each):
+        if correlation[0]:
+            times, variance = correlation[:1], np.square([each])
+        else:
+            span = SPAN * 10.0 ** max(ceil(log10(max(lasting, 1.0) / SPAN)), 0)
+            times, unit = flicker(1.0, span)
+            variance = unit[:, None] * np.square(each)
+    if walk.any():
+        times, variance = np.append(times, inf), np.concatenate([variance, np.zeros((1, 3))])
+    if not times.size:
+        return NONE
+    return Drift(times, variance, walk, not correlation[0])
+
+
+NONE = Drift(np.array([_UNSTATED]), np.zeros((1, 3)), np.zeros(3), averaged=False)
+"""Of biases that do not drift."""
+
+
+def covariance_of_means(
+    noises: Sequence[Noise], start: Array, stop: Array, run: tuple[float, float]
+) -> Array:
+    """Return the covariance of m drifting biases between means over r spans, (r, r, m).
+
+    Biases are counted from their means over the run, or, of a stated correlation time, from that of
+    the process, the random walk then from the run's start.
+
+    Parameters
+    ----------
+    noises : sequence of m Noise
+    start, stop : (r,) arrays
+        s.
+    run : (float, float)
+        Begin and end of the run, s.
+    """
+    begin, end = run
+    a, b = np.append(start, begin), np.append(stop, end)
+    spans, r = (b - a)[:, None] * (b - a), len(start)
+    apart = [b - a[:, None], a - b[:, None], b - b[:, None], a - a[:, None]]
+
+    def between(twice: Callable[[Array], Array]) -> Array:
+        whole, gap, later, earlier = (twice(np.abs(u)) for u in apart)
+        return (whole + gap - later - earlier) / spans
+
+    length = end - begin
+    flicker = between(lambda u: u**2 * (3 - 2 * np.log(np.maximum(u, 1e-300) / length)) / (4 * pi))
+    walk = between(lambda u: -(u**3) / 12)
+    made = np.zeros((r, r, len(noises)))
+    for k, one in enumerate(noises):
+        variance, time = one.bias_instability**2, one.correlation
+        if time:
+            middle = (start + stop) / 2 - begin
+            markov = between(lambda u: time**2 * np.exp(-u / time) + time * u)  # noqa: B023
+            full = variance * markov[:r, :r]
+            full += one.random_walk**2 * (walk[:r, :r] + (middle[:, None] + middle) / 2)
+        else:
+            full = variance * flicker + one.random_walk**2 * walk
+            full = (full - full[:, -1:] - full[-1:] + full[-1, -1])[:r, :r]
+        made[..., k] = full
+    return made

@@ -1,0 +1,72 @@
+"""Compiled: the drift of biases carried over time; its equations are in `drift`."""
+# Numba's decorator has no types.
+# pyright: reportUntypedFunctionDecorator=false
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from inercal.methods.turntable.drift import Drift
+
+Array = NDArray[np.float64]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def drifting(x: Array, first: int, components: int, out: Array) -> None:
+    """Write the drift of each bias, the sum of its components, which stand from `first` on."""
+    for k in range(3):
+        out[k] = 0.0
+        for c in range(components):
+            out[k] += x[first + 3 * c + k]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def drifted(
+    drift: Drift,
+    elapsed: float,
+    since: float,
+    first: int,
+    x: Array,
+    keep: Array,
+    drawn: Array,
+    joint: Array,
+) -> None:
+    """Carry the drift, its states from `first` on, over a time; write diagonals of Φ and Q.
+
+    `elapsed` is the time from the run's start to the end of it. Beside the diagonal of Q there is
+    `joint`, (c, 3): what each component and J have in common, for `predict_drift`.
+    """
+    times, variance, walk, averaged = drift
+    own = first + 3 * times.size  # where J begins
+    before = elapsed - since
+    for k in range(3):
+        total = 0.0
+        for c in range(times.size):
+            at = first + 3 * c + k
+            if np.isinf(times[c]):
+                keep[at], drawn[at] = 1.0, walk[k] * since
+                joint[c, k] = -walk[k] * since * 0.5 * (elapsed + before)
+                total += walk[k] * since * (elapsed**2 + elapsed * before + before**2) / 3
+                continue
+            kept = np.exp(-since / times[c])
+            x[at] *= kept
+            keep[at] = kept
+            drawn[at] = variance[c, k] * (1 - kept * kept)
+            joint[c, k] = 2 * variance[c, k] * times[c] * (1 - kept)
+            total += 2 * variance[c, k] * times[c] * since
+        if averaged:
+            drawn[own + k] = total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def predict_drift(drift: Drift, first: int, joint: Array, p: Array) -> None:
+    """Add what the noise of J has in common with that of the components to P, as `predict` does."""
+    if not drift.averaged:
+        return
+    components = drift.times.size
+    for k in range(3):
+        own = first + 3 * components + k
+        for c in range(components):
+            at = first + 3 * c + k
+            p[at, own] += joint[c, k]
+            p[own, at] += joint[c, k]
