@@ -70,7 +70,7 @@ class Drift(NamedTuple):
         """Return the names of the states of three axes: components, then J."""
         if self.size == 3:
             return tuple(f"drift[{axis}]" for axis in axes)
-        words = ["walk" if np.isinf(t) else f"{t:.2g} s" for t in self.times]
+        words = ["walk" if np.isinf(t) else str(k + 1) for k, t in enumerate(self.times)]
         words += ["noise"] if self.averaged else []
         return tuple(f"drift[{axis}, {word}]" for word in words for axis in axes)
 
