@@ -3,6 +3,9 @@
 Table and IMU are processes of their own behind TCP and a pseudo-terminal; what runs them is what
 runs a bench of iron. Their clock waits for the host, so that the plan's minutes pass in seconds and
 the numbers are those of an unhurried run.
+
+The truth that it is judged by is that of the run file and, of the biases, the mean of the simulated
+flicker over the recording: so the bias is defined (`methods.turntable.drift`).
 """
 
 from collections.abc import Callable, Mapping
@@ -17,7 +20,10 @@ from inercal.errors import InercalError
 from inercal.host.carry import Interrupted, carried_out
 from inercal.host.finish import finish
 from inercal.host.folder import begin, require_free
+from inercal.host.packets import read_layout
 from inercal.host.run import BenchRun
+from inercal.host.sim.drawn import draw
+from inercal.host.sim.mimu import mean_drift, rate_of
 from inercal.host.simulated import POLL, started
 from inercal.pipeline import Outcome
 from inercal.pipeline.truth import in_frame_of
@@ -35,7 +41,7 @@ class Demo:
     ----------
     outcome : Outcome
     truth : mapping of str to float
-        SI.
+        SI, of the biases the mean over the run.
     nees : float
         Normalised error squared against the truth, a coefficient; 1 is expected.
     seconds : float
@@ -91,12 +97,34 @@ def demo(
                     going = carried_out(made, journal, show=show, beside=lambda _: bench.beside())
                 except Interrupted as error:
                     raise InercalError(f"{folder}: the run was interrupted: {error}") from None
-                outcome, written = finish(made, journal, going.account.live)
-    calibration = outcome.calibration
-    true = in_frame_of(calibration, run.truth)
+
+                def truth(outcome: Outcome) -> Mapping[str, float]:
+                    return _averaged(run, seed, outcome, going.time)
+
+                outcome, written = finish(made, journal, going.account.live, truth=truth)
+    calibration, drifting = outcome.calibration, truth(outcome)
+    true = in_frame_of(calibration, drifting)
     error = calibration.values - np.array([true[n] for n in calibration.sensor.coefficients])
     nees = float(error @ np.linalg.solve(calibration.covariance, error)) / len(error)
-    return Demo(outcome, run.truth, nees, going.time, going.speed, written)
+    return Demo(outcome, drifting, nees, going.time, going.speed, written)
+
+
+def _averaged(run: Run, seed: int, outcome: Outcome, end: float) -> Mapping[str, float]:
+    """Return the truth with biases as means over the recording, which ends with the bench's time.
+
+    The IMU's clock may be off, by what is nothing here.
+    """
+    track = outcome.observations.track
+    assert track is not None
+    lasting = float(track.time[-1] - track.time[0])
+    rate = rate_of(run, read_layout(_PACKETS), None)
+    drift = mean_drift(run, draw(run, seed), rate, end - lasting, end)
+    made = dict(run.truth)
+    for channel, mean in zip(run.sensor.channels, drift.tolist(), strict=True):
+        for name in (f"{channel}.bias", f"{channel}.k0"):
+            if name in made:
+                made[name] += mean
+    return made
 
 
 def _plan(folder: Path, *, quick: bool) -> Run:

@@ -1,6 +1,6 @@
 """What is made of a run when all is done: recording, calibration, report, and their digests."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -33,6 +33,7 @@ def finish(
     journal: Journal,
     live: Live | None = None,
     keep: "Callable[[], History | None]" = lambda: None,
+    truth: Callable[[Outcome], Mapping[str, float]] | None = None,
 ) -> Finished:
     """Write recording, calibration and report of a run that is done, and keep their digests.
 
@@ -44,6 +45,8 @@ def finish(
         Its values are compared with those of the recording, and the journal says how they agree.
     keep : callable, optional
         Called when the calibration is written: it gives the sensor's history for the report.
+    truth : callable, optional
+        Returns the true coefficients, SI, for the report; those of the run file where left out.
 
     Raises
     ------
@@ -66,7 +69,8 @@ def finish(
         _compare(journal, live, outcome)
     files["calibration_file"] = save(outcome.calibration, folder.made("calibration.json"))
     report = folder.made("report.html")
-    files["report"] = write_report(outcome, report, run.truth or None, keep())
+    true = run.truth if truth is None else truth(outcome)
+    files["report"] = write_report(outcome, report, true or None, keep())
     _keep(journal, files["calibration_file"])
     _keep(journal, files["report"])
     journal.put_state("done")

@@ -1,5 +1,6 @@
 """What the IMU on a simulated turntable reads; the equations are in `_felt`."""
 
+from dataclasses import replace
 from math import inf
 
 import numpy as np
@@ -126,8 +127,8 @@ class Imu:
         self._slower = 1.0 - drawn.values["clock"]
         # Not that of the bench, which is drawn from the seed alone.
         self._rng = np.random.default_rng([drawn.seed, 1])
-        # Flicker noise is made by Fourier transforms, which take long where a factor is large.
-        self._block = 1 << round(seconds * rate_hz).bit_length()
+        self._block = noise_block(seconds, rate_hz)
+        self._blocks = 0
         self._noise = self._drawn_noise()
         self._noise_from = 0
         self._axes = len(drawn.bench.axes)
@@ -168,7 +169,28 @@ class Imu:
         return self._noise[start : start + len(numbers)]
 
     def _drawn_noise(self) -> Array:
-        drawn = [
-            axis.noise.draw(self._rng, (self._block,), self._rate) for axis in self._sensor.axes
+        white = [
+            replace(axis.noise, bias_instability=0.0, random_walk=0.0).draw(
+                self._rng, (self._block,), self._rate
+            )
+            for axis in self._sensor.axes
         ]
-        return np.stack(drawn, axis=-1)
+        drift = drawn_drift(self._sensor, self._drawn.seed, self._block, self._rate, self._blocks)
+        self._blocks += 1
+        return np.stack(white, axis=-1) + drift
+
+
+def noise_block(seconds: float, rate_hz: float) -> int:
+    """Return how many readings the noise is drawn for at a time, to cover some seconds."""
+    # Flicker noise is made by Fourier transforms, which take long where a factor is large.
+    return 1 << round(seconds * rate_hz).bit_length()
+
+
+def drawn_drift(sensor: Sensor, seed: int, count: int, rate_hz: float, block: int = 0) -> Array:
+    """Return the drift of the biases in the simulated readings of a block, (count, m) SI.
+
+    It is drawn by itself, so that its mean over a run, which is part of the bias, can be stated.
+    """
+    rng = np.random.default_rng([seed, 1, block])
+    drawn = [replace(axis.noise, white=0.0).draw(rng, (count,), rate_hz) for axis in sensor.axes]
+    return np.stack(drawn, axis=-1)

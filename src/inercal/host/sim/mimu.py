@@ -27,17 +27,19 @@ from threading import Lock, Thread
 from typing import TextIO
 
 import numpy as np
+from numpy.typing import NDArray
 
 from inercal.benches.turntable_run import seconds_on_turntable
 from inercal.errors import InputError
 from inercal.host.packets import Layout, read_layout
 from inercal.host.sim import motion_link
 from inercal.host.sim._packed import Packer
-from inercal.host.sim.drawn import draw
-from inercal.host.sim.felt import Imu
+from inercal.host.sim.drawn import Drawn, draw
+from inercal.host.sim.felt import Imu, drawn_drift, noise_block
 from inercal.host.sim.port import Port, Socket, Terminal
 from inercal.runfile import Run, read
 
+Array = NDArray[np.float64]
 POSSIBLE = "fault loss P, fault errors P, fault silent on|off, fault unplug, fault replug, die"
 _SPARE = 300.0  # s of noise beyond one and a half plans
 
@@ -138,6 +140,28 @@ def rate_of(run: Run, layout: Layout, rate_hz: float | None) -> float:
     return rate
 
 
+def noise_seconds(run: Run, drawn: Drawn) -> float:
+    """Return how long noise is drawn for at a time, s."""
+    return 1.5 * seconds_on_turntable(drawn.bench, run.table_steps) + _SPARE
+
+
+def mean_drift(run: Run, drawn: Drawn, rate_hz: float, start: float, stop: float) -> Array:
+    """Return the mean of the biases' drift in the readings between two times, (m,) SI.
+
+    Parameters
+    ----------
+    run : Run
+    drawn : Drawn
+    rate_hz : float
+        Of the readings.
+    start, stop : float
+        s of the IMU's clock, within the noise that is drawn at first.
+    """
+    count = noise_block(noise_seconds(run, drawn), rate_hz)
+    drift = drawn_drift(run.sensor, drawn.seed, count, rate_hz)
+    return drift[int(start * rate_hz) : int(stop * rate_hz)].mean(axis=0)
+
+
 def main() -> None:
     """Feel and send until standard input ends."""
     parser = ArgumentParser(prog="python -m inercal.host.sim.mimu", description=__doc__)
@@ -163,7 +187,7 @@ def main() -> None:
             layout = read_layout(options.preset)
             drawn = draw(run, options.seed)
             rate = rate_of(run, layout, options.rate)
-            seconds = 1.5 * seconds_on_turntable(drawn.bench, run.table_steps) + _SPARE
+            seconds = noise_seconds(run, drawn)
             imu, packer = Imu(run, drawn, rate, seconds), Packer(layout, rate)
         except InputError as error:
             print(f"no: {error}", flush=True)
