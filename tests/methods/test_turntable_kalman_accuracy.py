@@ -203,26 +203,20 @@ FOUR_MINUTES = [
 
 @pytest.mark.slow
 @pytest.mark.parametrize("base", SEEDS)
-@pytest.mark.parametrize(("path", "devices"), [(FOUR_MINUTES, 60), (turntable.whole(), 40)])
-def test_bias_instability_as_flicker_is_within_what_is_stated(path: Path, devices: int, base: int):
-    grade = turntable.GRADES["C"]
-    quiet, told = replace(grade, gyro_drift=0.0, acc_drift=0.0), sensor(grade, flicker=True)
+def test_flicker_over_four_minutes_is_as_stated(base: int):
+    grade = replace(turntable.GRADES["C"], flicker=True)
+    made = sensor(grade)
     off, stated = list[Array](), list[Array]()
-    for batch in range(0, devices, 10):
-        made = turntable.draw(90_000 + 1000 * base + batch, 10, path, quiet, hz=50.0)
-        rng = np.random.default_rng([base, batch, 29])
-        for axis in told.axes:
-            drift = replace(axis.noise, white=0.0).draw(rng, (10, made.time.size), 50.0)
-            into = made.rates if axis.measures == "w" else made.forces
-            into[:, :, "xyz".index(axis.name[1])] += drift
-        found = METHOD.estimator("full")(observations(made), told, bench(), ())
-        one = found.select(told.coefficients)
-        off.append(one.value - truth(made, told.coefficients))
+    for batch in range(0, 60, 10):
+        draw = turntable.draw(90_000 + 1000 * base + batch, 10, FOUR_MINUTES, grade, hz=50.0)
+        found = METHOD.estimator("full")(observations(draw), made, bench(), ())
+        one = found.select(made.coefficients)
+        off.append(one.value - truth(draw, made.coefficients))
         stated.append(one.covariance)
     for kind in "ga":
-        one = score(np.concatenate(off), np.concatenate(stated), told.coefficients, kind)
+        one = score(np.concatenate(off), np.concatenate(stated), made.coefficients, kind)
         print(base, kind, one)
-        assert 0.85 <= one.nees <= 1.2
+        assert abs(one.nees - 1) <= band(devices=60)
 
 
 @pytest.mark.slow
@@ -284,12 +278,14 @@ def test_what_is_exact_in_the_bench_is_not_estimated():
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("kind", [Gyros, Accelerometers])
+@pytest.mark.parametrize("flicker", [False, True])
 def test_the_smoothed_drift_is_off_as_it_says_and_less_than_the_filters(
-    seed: int, kind: type[Gyros] | type[Accelerometers]
+    seed: int, kind: type[Gyros] | type[Accelerometers], flicker: bool
 ):
+    grade = replace(turntable.T, flicker=flicker)
     squares, off, filtered = list[float](), list[float](), list[float]()
     for batch in range(SMOOTHED // 10):
-        made = turntable.draw(1000 * seed + batch, 10, turntable.whole())
+        made = turntable.draw(1000 * seed + batch, 10, turntable.whole(), grade)
         whole, drift = track(made), made.gyro_drift if kind is Gyros else made.acc_drift
         # A gap of 3 s within a turn: every other device has it.
         gap = int(np.flatnonzero(made.labels == "y+")[500])
@@ -297,7 +293,7 @@ def test_the_smoothed_drift_is_off_as_it_says_and_less_than_the_filters(
             kept = np.r_[0 : gap + 300 * (k % 2), gap + 300 : made.time.size]
             one = whole.trial(k)
             torn = Track(one.time[kept], one.reading[kept], one.angles[kept], one.hold[kept])
-            ours: Any = kind.of(sensor(), bench(), torn)
+            ours: Any = kind.of(sensor(grade), bench(), torn)
             _, course = ours.step(ours.start(torn), torn, ours.varying)
             truth = drift[k, np.searchsorted(made.time, course.time - 1e-9)]
             names = [name for name in ours.varying if name.startswith("drift")]
@@ -305,11 +301,12 @@ def test_the_smoothed_drift_is_off_as_it_says_and_less_than_the_filters(
             error = course.smoothed.value[:, at] - truth
             squares.append(float(np.mean((error / course.smoothed.std[:, at]) ** 2)))
             off.append(float(np.mean(error**2)))
-            own = course.value[:, [course.names.index(name) for name in names]] - truth
-            filtered.append(float(np.mean(own**2)))
+            if not flicker:
+                own = course.value[:, [course.names.index(name) for name in names]] - truth
+                filtered.append(float(np.mean(own**2)))
     # Errors hang together over time: devices are what is independent.
     spread = 3 * float(np.std(squares)) / sqrt(SMOOTHED)
-    print(seed, np.mean(squares), spread, sqrt(np.mean(off) / np.mean(filtered)))
+    print(seed, np.mean(squares), spread, sqrt(np.mean(off)))
     assert spread < 0.3
     assert abs(np.mean(squares) - 1) <= spread
-    assert np.mean(off) < 0.9 * np.mean(filtered)
+    assert flicker or np.mean(off) < 0.9 * np.mean(filtered)

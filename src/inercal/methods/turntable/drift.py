@@ -13,22 +13,21 @@ states of one that does; longer runs get one more for each decade. A random walk
 never decays and begins at zero.
 
 **The bias** is the mean of the bias over the run, from the first to the last sample of its
-recording: flicker and walk have no mean that a run could find. With a filter's constant b and the
-drift d that is b̄ = b + ∫ d dt/T. The integral needs no dense row in Φ: with dD = −D/τ dt + dβ::
+recording: flicker has no mean that a run could find. With a filter's constant b and the flicker's
+states D that is b̄ = b + Σ ∫ D dt/T. The integral needs no dense row in Φ: with dD = −D/τ dt + dβ::
 
-    ∫ D dt = J − τ D,  dJ = τ dβ        J begins at τ D
-    ∫ W dt = T W + J,  dJ = −t dβ       random walk; J begins at 0
+    ∫ D dt = J − τ D,  dJ = τ dβ,  J begins at τ D
 
 J, one for each axis for all its states together, is constant but for noise that it shares with
-them. A Gauss–Markov drift with a stated correlation time has a mean of its own: of that the bias is
-this mean, and there is no J.
+them. A random walk, as in simulations, is counted from the run's start. A Gauss–Markov drift with a
+stated correlation time has a mean of its own: of that the bias is this mean, and there is no J.
 
 The covariance of two means is a double integral of that of the drift, C(u) at times u apart::
 
     cov = (G(d − a) + G(c − b) − G(d − b) − G(c − a))/((b − a)(d − c)),  G″ = C
 
-over a to b and c to d. Flicker has C = −(B²/π) ln |u| but for a constant, and a walk K has C =
-−K² |u|/2 but for what is linear in time: both fall out of departures from the mean over the run.
+over a to b and c to d. Flicker has C = −(B²/π) ln |u| but for a constant, which departures from the
+mean over the run do not have; a walk K has C = K² (t + t′ − |u|)/2.
 """
 
 from collections.abc import Callable, Sequence
@@ -88,19 +87,18 @@ class Drift(NamedTuple):
         return made
 
     def so_far(self, states: Array, elapsed: Array) -> Array:
-        """Return the mean of the drift from the start, (e, 3), by states (e, s) at e times, s."""
+        """Return the mean of the flicker from the start, (e, 3), by states (e, s) at e times, s."""
         if not self.averaged:
             return np.zeros((len(elapsed), 3))
-        c, walks = len(self.times), np.isinf(self.times)
+        c = len(self.times)
         each = states.reshape(len(states), c + 1, 3)
-        decaying = np.where(walks, 0.0, self.times)
+        decaying = np.where(np.isinf(self.times), 0.0, self.times)
         integral = each[:, c] - np.einsum("c,eck->ek", decaying, each[:, :c])
         begun = (elapsed > 0)[:, None]
-        integral /= np.where(begun, elapsed[:, None], 1.0)
-        return np.where(begun, integral + each[:, :c][:, walks].sum(axis=1), 0.0)
+        return np.where(begun, integral / np.where(begun, elapsed[:, None], 1.0), 0.0)
 
     def mean(self, elapsed: float, since: float = 0.0) -> tuple[Array, Array]:
-        """Return the mean of the drift from the start by the states, and what varies it further.
+        """Return the mean of the flicker from the start by the states, and what varies it further.
 
         Parameters
         ----------
@@ -114,7 +112,7 @@ class Drift(NamedTuple):
         rows : (3, s) array
             Mean of each axis by the states.
         variance : (3,) array
-            Of what the drift did since.
+            Of what the flicker did since.
         """
         c, rows, variance = len(self.times), np.zeros((3, self.size)), np.zeros(3)
         if not self.averaged or elapsed <= 0:
@@ -123,8 +121,6 @@ class Drift(NamedTuple):
             rows[k, 3 * c + k] = 1 / elapsed
             for n, time in enumerate(self.times.tolist()):
                 if time == inf:
-                    rows[k, 3 * n + k] = 1.0
-                    variance[k] += self.walk[k] * since**3 / 3
                     continue
                 left = np.exp(-since / time)
                 rows[k, 3 * n + k] = -time * left / elapsed
@@ -184,7 +180,7 @@ def drift(noises: Sequence[Noise], lasting: float, name: str = "sensor") -> Drif
         times, variance = np.append(times, inf), np.concatenate([variance, np.zeros((1, 3))])
     if not times.size:
         return NONE
-    return Drift(times, variance, walk, not correlation[0])
+    return Drift(times, variance, walk, averaged=any(each) and not correlation[0])
 
 
 NONE = Drift(np.array([_UNSTATED]), np.zeros((1, 3)), np.zeros(3), averaged=False)
@@ -196,8 +192,7 @@ def covariance_of_means(
 ) -> Array:
     """Return the covariance of m drifting biases between means over r spans, (r, r, m).
 
-    Biases are counted from their means over the run, or, of a stated correlation time, from that of
-    the process, the random walk then from the run's start.
+    Flicker is counted from its mean over the run, a random walk from the run's start.
 
     Parameters
     ----------
@@ -218,17 +213,15 @@ def covariance_of_means(
 
     length = end - begin
     flicker = between(lambda u: u**2 * (3 - 2 * np.log(np.maximum(u, 1e-300) / length)) / (4 * pi))
-    walk = between(lambda u: -(u**3) / 12)
+    middle = (start + stop) / 2 - begin
+    walk = between(lambda u: -(u**3) / 12)[:r, :r] + (middle[:, None] + middle) / 2
     made = np.zeros((r, r, len(noises)))
     for k, one in enumerate(noises):
         variance, time = one.bias_instability**2, one.correlation
         if time:
-            middle = (start + stop) / 2 - begin
             markov = between(lambda u: time**2 * np.exp(-u / time) + time * u)  # noqa: B023
-            full = variance * markov[:r, :r]
-            full += one.random_walk**2 * (walk[:r, :r] + (middle[:, None] + middle) / 2)
+            slow = variance * markov[:r, :r]
         else:
-            full = variance * flicker + one.random_walk**2 * walk
-            full = (full - full[:, -1:] - full[-1:] + full[-1, -1])[:r, :r]
-        made[..., k] = full
+            slow = variance * (flicker - flicker[:, -1:] - flicker[-1:] + flicker[-1, -1])[:r, :r]
+        made[..., k] = slow + one.random_walk**2 * walk
     return made

@@ -23,7 +23,6 @@ def drifting(x: Array, first: int, components: int, out: Array) -> None:
 @njit(cache=True, nogil=True, error_model="numpy")
 def drifted(
     drift: Drift,
-    elapsed: float,
     since: float,
     first: int,
     x: Array,
@@ -33,20 +32,17 @@ def drifted(
 ) -> None:
     """Carry the drift, its states from `first` on, over a time; write diagonals of Φ and Q.
 
-    `elapsed` is the time from the run's start to the end of it. Beside the diagonal of Q there is
+    Beside the diagonal of Q there is
     `joint`, (c, 3): what each component and J have in common, for `predict_drift`.
     """
     times, variance, walk, averaged = drift
     own = first + 3 * times.size  # where J begins
-    before = elapsed - since
     for k in range(3):
         total = 0.0
         for c in range(times.size):
             at = first + 3 * c + k
             if np.isinf(times[c]):
                 keep[at], drawn[at] = 1.0, walk[k] * since
-                joint[c, k] = -walk[k] * since * 0.5 * (elapsed + before)
-                total += walk[k] * since * (elapsed**2 + elapsed * before + before**2) / 3
                 continue
             kept = np.exp(-since / times[c])
             x[at] *= kept

@@ -229,8 +229,8 @@ def _begin(
     for s in range(own, keep.size):
         keep[s], drawn[s] = 0.0, readback.held[e, s - own]
         state.x[s] = 0.0
-    since, elapsed = state.time[0] - state.time[1], state.time[0] - state.time[2]
-    drifted(model.drift, elapsed, since, gm, state.x, keep, drawn, joint)
+    since = state.time[0] - state.time[1]
+    drifted(model.drift, since, gm, state.x, keep, drawn, joint)
     state.time[1] = state.time[0]
     state.velocity[:] = 0.0
     state.made[:] = 0.0
@@ -260,8 +260,7 @@ def _transition(
     walked(done.cm, model.white, since, driven)
     for k in range(3):
         a[k, k] = a[3 + k, 3 + k] = 1.0
-    elapsed = state.time[1] - state.time[2]
-    drifted(model.drift, elapsed, since, 6 + terms.axis.size, state.x, keep, drawn, joint)
+    drifted(model.drift, since, 6 + terms.axis.size, state.x, keep, drawn, joint)
     # (0, 0, g) × φ. −[ω_ie×] is in neither: the velocity is that of a table that stands.
     a[0, 4], a[1, 3] = -gravity * since, gravity * since
 

@@ -132,7 +132,7 @@ def average(
             continue
         at[0], by[0] = before + s, 1.0
         for c in range(components):
-            mean = 1.0 if np.isinf(times[c]) else -times[c] / elapsed
+            mean = 0.0 if np.isinf(times[c]) else -times[c] / elapsed
             at[1 + c], by[1 + c] = first + 3 * c + axis[s], mean / weights[s, BIAS]
         at[components + 1] = first + 3 * components + axis[s]
         by[components + 1] = 1 / elapsed / weights[s, BIAS]

@@ -243,8 +243,7 @@ def _transition(
         a[k, k] = 1.0
         driven[k, k] += bent
     state.bent[0] = 0.0
-    elapsed = state.time[1] - state.time[2]
-    drifted(model.drift, elapsed, since, 3 + terms.axis.size, state.x, keep, drawn, joint)
+    drifted(model.drift, since, 3 + terms.axis.size, state.x, keep, drawn, joint)
     # −[ω_ie×] within an epoch.
     a[0, 1], a[0, 2], a[1, 2] = earth[2] * since, -earth[1] * since, earth[0] * since
     a[1, 0], a[2, 0], a[2, 1] = -a[0, 1], -a[0, 2], -a[1, 2]

@@ -179,7 +179,7 @@ def whiten(
         Their covariance.
     """
     m, components = rows.shape[2], drift.times.size
-    n, elapsed = 3 + len(start), 0.0
+    n = 3 + len(start)
     total, x, before = np.zeros((3, m)), np.zeros((n, m)), np.zeros((3, m))
     p, a, keep, drawn = np.zeros((n, n)), np.zeros((3, n)), np.ones(n), np.zeros(n)
     joint, root, gain = np.zeros((components, 3)), np.zeros((3, 3)), np.zeros((n, 3))
@@ -188,7 +188,6 @@ def whiten(
         p[k, k], a[k, k] = readback, 1.0
     for e in range(since.size):
         dt = since[e]
-        elapsed += dt
         for k in range(3):
             for c in range(components):
                 for j in range(3):
@@ -198,7 +197,7 @@ def whiten(
         a[1, 0], a[2, 0], a[2, 1] = -a[0, 1], -a[0, 2], -a[1, 2]
         np.dot(a, x, before)
         _copy(before, x)
-        drifted(drift, elapsed, dt, 3, x, keep, drawn, joint)
+        drifted(drift, dt, 3, x, keep, drawn, joint)
         predict(p, a, keep, driven[e], drawn)
         predict_drift(drift, 3, joint, p)
         if lost[e]:
@@ -259,7 +258,7 @@ def whiten_each(
     a, driven = np.zeros((0, n)), np.zeros((0, 0))
     ph, last, off = np.zeros(n), begun, np.zeros(m)
     for e in range(time.size):
-        drifted(drift, time[e] - begun, time[e] - last, 0, x, keep, drawn, joint)
+        drifted(drift, time[e] - last, 0, x, keep, drawn, joint)
         predict(p, a, keep, driven, drawn)
         predict_drift(drift, 0, joint, p)
         last = time[e]
