@@ -32,7 +32,7 @@ from inercal.pipeline.turntable.run import settling
 from inercal.plan import Index, Position, Spin
 from inercal.recording import Recording
 from inercal.runfile import Run, read
-from inercal.sensors import Axis, Sensor
+from inercal.sensors import Axis, Noise, Sensor
 from inercal.units import factor
 
 _ROUNDING = 1e-9
@@ -116,6 +116,7 @@ def _simulated(
     elif isinstance(bench, Turntable):
         done, said = perform_on_turntable(bench, run.table_steps, rate, rng, several)
         readback = said if trials else {name: values[0] for name, values in said.items()}
+        sensor, drift = _flickering(sensor, done.motion.f.shape[:-1], rate, rng)
         if run.data.hold is not None:
             readback[HOLD] = np.zeros_like(readback[bench.names[0]]) + _holds(run, bench, done)
     else:
@@ -137,6 +138,25 @@ def _simulated(
         source=f"simulation of {run.path.name}, seed {seed}",
     )
     return recording, done
+
+
+def _flickering(
+    sensor: Sensor, shape: tuple[int, ...], rate_hz: float, rng: np.random.Generator
+) -> tuple[Sensor, np.ndarray]:
+    """Return a sensor without flicker, and the flicker of its biases about the mean, SI.
+
+    The methods on a turntable find the mean over the run (`methods.turntable.drift`): it is in the
+    truth. A Gauss–Markov drift has a mean of its own, and stays in the sensor's noise.
+    """
+    drift = np.zeros((*shape, len(sensor.axes)))
+    axes = list(sensor.axes)
+    for k, axis in enumerate(sensor.axes):
+        if axis.noise.bias_instability and not axis.noise.correlation:
+            alone = Noise(bias_instability=axis.noise.bias_instability)
+            drift[..., k] = alone.draw(rng, shape, rate_hz)
+            axes[k] = replace(axis, noise=replace(axis.noise, bias_instability=0.0))
+    drift -= drift.mean(axis=-2, keepdims=True)
+    return replace(sensor, axes=tuple(axes)), drift
 
 
 def _table_file(run: Run, done: Performance, rng: np.random.Generator, source: str) -> Recording:

@@ -100,13 +100,11 @@ def _flicker(rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
     """Return unit flicker noise, S(f) = 1/(2π f), by shaping white noise in frequency.
 
     Twice the length is drawn and half of it kept: the transform is periodic, the noise is not.
-    Nothing below the inverse of that length is drawn, and the mean of what is kept is zero: the mean
-    over a recording is the bias, not its instability.
+    Nothing below the inverse of that length is drawn: a constant is the bias, not its instability.
     """
     n = 2 * shape[-1]
     spectrum = np.fft.rfft(rng.standard_normal((*shape[:-1], n)), axis=-1)
     cycles_per_sample = np.fft.rfftfreq(n)
     gain = np.zeros_like(cycles_per_sample)
     gain[1:] = (2 * np.pi * cycles_per_sample[1:]) ** -0.5
-    drawn = np.fft.irfft(spectrum * gain, n=n, axis=-1)[..., : shape[-1]]
-    return drawn - drawn.mean(axis=-1, keepdims=True)
+    return np.fft.irfft(spectrum * gain, n=n, axis=-1)[..., : shape[-1]]

@@ -77,7 +77,7 @@ def lasting(track: Track, planned: float | None) -> float:
     return float(track.time[-1] - track.time[0]) if planned is None else planned
 
 
-def triad(sensor: Sensor, kind: str, lasting: float, *, drifting: bool = True) -> Triad:
+def triad(sensor: Sensor, kind: str, lasting: float = 0.0, *, drifting: bool = True) -> Triad:
     """Return the accelerometers ("f") or the gyros ("w") of a sensor in a run of `lasting` s.
 
     Raises
