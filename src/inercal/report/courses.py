@@ -23,7 +23,7 @@ from inercal.report.drawing import AXES, BAND, FAINT, WARN, svg
 from inercal.sensors import G0, Sensor
 
 Array = NDArray[np.float64]
-POINTS = 300
+POINTS = 290
 """Of each line, at most."""
 _STYLES = ("-", "--", ":")
 _PAUSE = 4.0  # of the usual step
