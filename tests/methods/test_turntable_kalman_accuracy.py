@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 from tests.accuracy import turntable
 from tests.methods.turntable_cases import (
     ARCSEC,
@@ -287,6 +288,9 @@ def test_the_smoothed_drift_is_off_as_it_says_and_less_than_the_filters(
     for batch in range(SMOOTHED // 10):
         made = turntable.draw(1000 * seed + batch, 10, turntable.whole(), grade)
         whole, drift = track(made), made.gyro_drift if kind is Gyros else made.acc_drift
+        if flicker:
+            # The states have no correlation below 0.8 s: what is faster is not drawn.
+            drift = uniform_filter1d(drift, 50, axis=1)
         # A gap of 3 s within a turn: every other device has it.
         gap = int(np.flatnonzero(made.labels == "y+")[500])
         for k in range(10):
@@ -308,5 +312,5 @@ def test_the_smoothed_drift_is_off_as_it_says_and_less_than_the_filters(
     spread = 3 * float(np.std(squares)) / sqrt(SMOOTHED)
     print(seed, np.mean(squares), spread, sqrt(np.mean(off)))
     assert spread < 0.3
-    assert abs(np.mean(squares) - 1) <= spread
+    assert abs(np.mean(squares) - 1) <= (0.15 if flicker else spread)
     assert flicker or np.mean(off) < 0.9 * np.mean(filtered)
