@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 
 from inercal.errors import InputError, NotObserved
-from inercal.estimate import Estimate, Problem, Scored, Test, least_squares
+from inercal.estimate import Estimate, Problem, Test, least_squares
 
 READINGS = "readings against the bench as stated"
 FORMULA = "estimator against maximum likelihood"
@@ -54,7 +54,7 @@ def with_tests(estimate: Estimate, whole: Problem, stated: Problem | None = None
     return replace(
         estimate,
         tests=(*estimate.tests, *tests, formula),
-        scored=Scored(scores, best.scored.span),
+        scored=best.scored._replace(scores=scores),
     )
 
 
