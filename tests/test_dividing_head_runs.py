@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter
-from tests.accuracy.dividing_head import ARCSEC, Bench, draw, readings
+from tests.accuracy.dividing_head import ARCSEC, SIZES, Bench, draw, readings
 
 from inercal.benches.dividing_head import mounted
 from inercal.calibration import Calibration
 from inercal.calibration.files import save
 from inercal.errors import InercalError, InputError, NotObserved
 from inercal.io.write import write_recording
+from inercal.methods.likelihood_tests import FORMULA, READINGS
 from inercal.pipeline import Outcome, apply, calibrate, named_as_in, simulate
 from inercal.plan import Index
 from inercal.recording import Mark, Recording
@@ -71,8 +72,10 @@ PRIORS = """
 class Table:
     """A table of one calibration, readings in V, from a generator of its own."""
 
-    def __init__(self, seed: int = 1, n: int = 12, *, collimated: str = "pairs") -> None:
-        bench = Bench(collimated=collimated, noise=NOISE)
+    def __init__(
+        self, seed: int = 1, n: int = 12, *, collimated: str = "pairs", k3: float = SIZES["k3"]
+    ) -> None:
+        bench = Bench(collimated=collimated, noise=NOISE, sizes=SIZES | {"k3": k3})
         theta, truth, y = draw(seed, 1, bench, n, reverse=True)
         self.truth = {term: value[0] for term, value in truth.items()}
         self.columns = {"angle": np.degrees(theta), "A": 3 * y[0, :, 0], "B": 3 * y[0, :, 1]}
@@ -139,16 +142,15 @@ def test_tables_of_another_program_give_the_truth_as_well_as_stated(
 
 
 def test_patent_single_and_dual_run_too(tmp_path: Path):
-    table = Table(2)
+    table = Table(2, k3=0.5e-6)
     table.write(tmp_path)
-    known = PRIORS.replace("± 5", "± 0.5")  # about zero: K3 of this pair is made so small
+    known = PRIORS.replace("± 5", "± 0.5")
     for name in ("patent", "single"):
         estimator = ('name = "dual_orthogonal"', f'name = "dual_orthogonal"\nestimator = "{name}"')
         more = known if name == "patent" else ""
         outcome = calibrate(run_file(tmp_path, estimator, more=more))
-        assert outcome.verdict[0].endswith(
-            "this estimator makes no test of how well the data agree"
-        )
+        assert [test.name for test in outcome.verdict.tests] == [READINGS, FORMULA]
+        assert not outcome.verdict.suspect
         off = dict(zip(outcome.calibration.sensor.coefficients, table.error(outcome), strict=True))
         sd = outcome.calibration.uncertainty("a.k0")
         assert abs(off["a.k0"]) < 4 * sd
@@ -156,6 +158,17 @@ def test_patent_single_and_dual_run_too(tmp_path: Path):
     dual = ('name = "dual_orthogonal"', 'name = "dual_orthogonal"\nestimator = "dual"')
     with pytest.raises(NotObserved, match=r"k1 against K3: a\.k1 − a\.k3 − b\.k1 \+ b"):
         calibrate(run_file(tmp_path, dual, more=PRIORS[: PRIORS.index('"a.k3"')]))
+
+
+@pytest.mark.parametrize("estimator", ["joint", "patent"])
+def test_a_prior_that_is_wrong_is_the_suspect(tmp_path: Path, estimator: str):
+    Table(3, k3=5e-6).write(tmp_path)
+    known = PRIORS.replace("± 5", "± 0.5")  # about zero, a tenth of what the pair was made with
+    name = ('name = "dual_orthogonal"', f'name = "dual_orthogonal"\nestimator = "{estimator}"')
+    suspect = calibrate(run_file(tmp_path, name, more=known)).verdict.suspect
+    assert suspect is not None
+    assert suspect.name.startswith("prior of ")
+    assert suspect.name.endswith("k3")
 
 
 def test_without_k3_from_elsewhere_the_sum_is_told_and_why(tmp_path: Path):

@@ -103,6 +103,7 @@ def problem(
             larger,
             suspects,
             families=_families(sensor, bench, steps),
+            told=[name for prior in priors for name in prior.names],
         ),
     )
 

@@ -64,6 +64,7 @@ def of_means(
     declared: Mapping[str, Parameter],
     time: Array | None = None,
     families: Mapping[str, Sequence[str]] | None = None,
+    told: Sequence[str] = (),
 ) -> Callable[[Array], Sequence[Candidate]]:
     """Return what `Problem.candidates` takes, for a problem of mean readings or of norms.
 
@@ -83,6 +84,8 @@ def of_means(
     families : mapping of str to sequence of str, optional
         Names of parameters that are tested together, by their full names: coefficients in place of
         those of one short name, parameters of the bench in place of each alone.
+    told : sequence of str, optional
+        Coefficients that are estimated with a prior, which may be wrong.
     """
 
     def candidates(x: Array) -> list[Candidate]:
@@ -94,6 +97,7 @@ def of_means(
         column = dict(zip(larger.names, jacobian.reshape(-1, len(larger.names)).T, strict=True))
         return [
             *of_columns(larger.observations, sensor, names, declared, column, families),
+            *of_priors(sensor, told, column),
             *(() if time is None else of_drift(larger.observations, sensor, time)),
         ]
 
@@ -178,6 +182,29 @@ def of_bench(
             largest=np.array([_largest(declared[name]) for name in members]),
         )
         for kind, members in kinds.items()
+    ]
+
+
+def of_priors(sensor: Sensor, told: Sequence[str], column: Mapping[str, Array]) -> list[Candidate]:
+    """Return the priors of coefficients, which may be wrong: those of a kind, and each alone.
+
+    The column of a coefficient without the row of its prior lets the data alone tell it.
+    """
+    kinds: dict[str, list[str]] = {}
+    for full in dict.fromkeys(told):
+        kinds.setdefault(full.partition(".")[2], []).append(full)
+    together = [(short, members) for short, members in kinds.items() if len(members) > 1]
+    alone = [(full, [full]) for members in kinds.values() for full in members]
+    return [
+        Candidate(
+            f"prior of {name}",
+            "bench",
+            tuple(f"prior of {full}" for full in members),
+            tuple(SI_UNITS[sensor.coefficient(full).unit] for full in members),
+            np.stack([column[full] for full in members], axis=-1),
+            largest=_LARGEST * np.array([sensor.coefficient(full).natural for full in members]),
+        )
+        for name, members in (*together, *alone)
     ]
 
 

@@ -164,7 +164,13 @@ def problem(
         observations=tuple(f"{a}[{row}]" for row in observations.labels for a in sensor.channels),
         rounding=float(np.max(largest)) * ROUNDING,
         candidates=candidates.of_means(
-            larger, names, sensor, declared, observations.time if timed else None, families
+            larger,
+            names,
+            sensor,
+            declared,
+            observations.time if timed else None,
+            families,
+            [name for prior in priors for name in prior.names],
         ),
     )
 

@@ -77,7 +77,12 @@ def by_norm(
         gauges=gauges(sensor),
         known_nulls=known_nulls(sensor, len(built.names)),
         candidates=candidates.of_means(
-            extended, built.names, larger, declared, families=_nonorthogonality(sensor)
+            extended,
+            built.names,
+            larger,
+            declared,
+            families=_nonorthogonality(sensor),
+            told=[name for prior in priors for name in prior.names],
         ),
     )
 

@@ -167,9 +167,13 @@ def problem(
                 column[name] = -seen.by_reading[:, k] * ramp
                 families.setdefault(f"drift of {channel}", []).append(name)
         declared = bench.nuisances(steps, sensor.channels)
-        return candidates.of_columns(
-            observations.labels, larger, sensor.coefficients, declared, column, families
-        )
+        told = [name for prior in priors for name in prior.names]
+        return [
+            *candidates.of_columns(
+                observations.labels, larger, sensor.coefficients, declared, column, families
+            ),
+            *candidates.of_priors(sensor, told, column),
+        ]
 
     return Problem(
         names=sensor.coefficients,
