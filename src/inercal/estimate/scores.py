@@ -199,6 +199,7 @@ def scored(
     to : (q, p) array, optional
         From the p coordinates of `jacobian` to the parameters whose shift is wanted.
     """
+    dof = len(residual) - jacobian.shape[1]
     if len(residual) > _MANY:
         residual, jacobian, candidates = _rotated(residual, jacobian, candidates)
     size_of = np.linalg.norm(jacobian, axis=0)
@@ -242,7 +243,6 @@ def scored(
                 u @ t,
             )
         )
-    dof = len(residual) - jacobian.shape[1]
     return Scored(tuple(made), _rank(spanned), float(residual @ residual), dof)
 
 
