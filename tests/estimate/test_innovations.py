@@ -54,3 +54,21 @@ def test_an_innovation_that_was_not_observed_is_no_number():
     made = innovations.standardised(np.array([[2.0, 0.0]]), np.array([[4.0, 0.0]]))
     assert made[0, 0] == 1.0
     assert np.isnan(made[0, 1])
+
+
+def test_means_of_residuals_of_a_fit_are_chi_squared():
+    rng = np.random.default_rng(9)
+    design = rng.standard_normal((GROUP.size, 12)) + 3 * rng.standard_normal((GROUPS, 12))[GROUP]
+    prior = np.eye(12)  # each was known to ± 1, and is drawn so
+    covariance = np.linalg.inv(design.T @ design + prior)
+    slope = innovations.grouped(design, GROUP)
+    found: list[float] = []
+    for _ in range(300):
+        x = rng.standard_normal(12)
+        y = design @ x + rng.standard_normal(GROUP.size)
+        residual = y - design @ (covariance @ (design.T @ y))
+        z = innovations.grouped(residual[:, None], GROUP).ravel()
+        made = innovations.means_of_residuals(z, slope, covariance, "means")
+        found.append(made.p_value)
+    assert made.dof == GROUPS
+    assert kstest(found, "uniform").pvalue > 1e-3

@@ -9,6 +9,9 @@ and N(0, 1). Of a group of n epochs the sum over √n is N(0, 1) again, and a bi
 
 (Bar-Shalom, Li and Kirubarajan 2001, Estimation with Applications to Tracking and Navigation,
 section 5.4; Box and Pierce 1970, JASA 65, 1509–1526, for the second.)
+
+Whitened residuals of a fit of Jacobian J and covariance C of its estimate, priors included, are not
+independent: sums A r over groups have the covariance A Aᵀ − (A J) C (A J)ᵀ.
 """
 
 import numpy as np
@@ -19,6 +22,7 @@ from inercal.estimate.scores import Test
 Array = NDArray[np.float64]
 _LAGS = 3
 _FEWEST = 8  # groups that a correlation is computed from
+_LEFT = 1e-6  # least share of a mean that a fit leaves
 
 
 def standardised(off: Array, s: Array) -> Array:
@@ -60,3 +64,24 @@ def means_and_whiteness(z: Array, means: str, whiteness: str) -> tuple[Test, ...
         statistic = sum(float(np.sum(z[:-lag] * z[lag:])) ** 2 / (m * (g - lag)) for lag in lags)
         made.append(Test(whiteness, statistic, _LAGS))
     return tuple(made)
+
+
+def means_of_residuals(z: Array, slope: Array, covariance: Array, means: str) -> Test:
+    """Return the test of the means over groups of what a fit leaves.
+
+    Parameters
+    ----------
+    z : (k,) array
+        Sums over groups as of `grouped`, in any order.
+    slope : (k, p) array
+        The same sums of the whitened Jacobian.
+    covariance : (p, p) array
+        Of the estimate, by data and priors.
+    means : str
+        What the test is called.
+    """
+    spread = np.eye(len(z)) - slope @ covariance @ slope.T
+    values, vectors = np.linalg.eigh(spread)
+    kept = values > _LEFT
+    t = vectors[:, kept].T @ z / np.sqrt(values[kept])
+    return Test(means, float(t @ t), int(kept.sum()))

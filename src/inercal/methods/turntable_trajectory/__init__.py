@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 from inercal.benches.turntable import Turntable
 from inercal.benches.turntable_paths import named
 from inercal.errors import InputError
-from inercal.estimate import Candidate, Estimate, Gaussian, Problem
+from inercal.estimate import Candidate, Estimate, Gaussian, Problem, Test
 from inercal.estimate import least_squares as solve
+from inercal.estimate.innovations import grouped, means_of_residuals
 from inercal.methods import vectors
 from inercal.methods._base import Method
 from inercal.methods.turntable import left_out, model
@@ -70,8 +71,14 @@ def trajectory(
     if track is None:
         raise InputError("a trajectory follows a recording; means of positions are not enough")
     lead = track.reading.shape[:-2]
+    spans = np.column_stack([observations.time, observations.duration])
     return stacked(
-        [solved(sensor, bench, track.trial(*k), priors) for k in np.ndindex(*lead)], lead
+        [
+            # Of several trials the first one's steps are tested.
+            solved(sensor, bench, track.trial(*k), priors, steps=None if any(k) else spans)
+            for k in np.ndindex(*lead)
+        ],
+        lead,
     )
 
 
@@ -81,6 +88,7 @@ def solved(
     track: Track,
     priors: Sequence[Gaussian] = (),
     epochs: Indices | None = None,
+    steps: Array | None = None,
 ) -> Estimate:
     """Return the estimate of one trial.
 
@@ -92,6 +100,8 @@ def solved(
         Of one trial.
     epochs : (e,) array of int, optional
         Samples at which the readback is compared with the gyros; None is ten times a second.
+    steps : (r, 2) array, optional
+        Middle and duration of each step of the run, s, whose mean residuals are tested.
 
     Raises
     ------
@@ -99,11 +109,15 @@ def solved(
         As of `trajectory`.
     """
     parts = tuple(_parts(sensor, bench, track, epochs))
-    estimate = averaged(solve(problem(sensor, bench, parts, priors)), sensor, bench, parts)
+    asked = problem(sensor, bench, parts, priors)
+    estimate = solve(asked)
+    if steps is not None:
+        _, jacobian = asked.linearise(estimate.value)
+        estimate = replace(estimate, tests=_tests(estimate, jacobian, parts, steps))
+    estimate = averaged(estimate, sensor, bench, parts)
     for part in parts:
         at = [sensor.coefficients.index(name) for name in part.part.sensor.coefficients]
-        what = "gyros" if isinstance(part, Turning) else "accelerometers"
-        model.require_decided(part.part, estimate.covariance[np.ix_(at, at)], what)
+        model.require_decided(part.part, estimate.covariance[np.ix_(at, at)], part.what)
     return estimate
 
 
@@ -203,6 +217,30 @@ def averaged(
             weight, weight
         )
     return replace(estimate, value=value, covariance=by @ estimate.covariance @ by.T + beyond)
+
+
+def _tests(
+    estimate: Estimate, jacobian: Array, parts: Sequence[Turning | Resting], steps: Array
+) -> tuple[Test, ...]:
+    """Return the tests of mean residuals in each step, of gyros and of accelerometers."""
+    made: list[Test] = []
+    first = 0
+    for part in parts:
+        time, p = part.stamps, jacobian.shape[1]
+        rows = slice(first, first + 3 * time.size)
+        first = rows.stop
+        group = np.full(time.size, -1)
+        for number, (middle, seconds) in enumerate(steps.tolist()):
+            group[np.abs(time - middle) <= seconds / 2] = number
+        residual = estimate.whitened[rows].reshape(-1, 3)
+        group[~residual.any(axis=1)] = -1  # across a gap
+        z = grouped(residual, group)
+        if not z.size:
+            continue
+        slope = grouped(jacobian[rows].reshape(-1, 3 * p), group).reshape(-1, p)
+        name = f"mean residuals of the {part.what} in each step"
+        made.append(means_of_residuals(z.ravel(), slope, estimate.covariance, name))
+    return tuple(made)
 
 
 def _parts(
