@@ -74,7 +74,7 @@ class Candidate:
         ∂(observations)/∂(component).
     moved : (q, k) array, optional
         By how much one unit of each component that is left out moves the estimate of each
-        parameter, where no Jacobian says so: a filter's.
+        parameter beyond what the Jacobian says: a filter has none.
     largest : (k,) array, optional
         The largest plausible size of each component. A direction whose η at that size is below 3
         is not scored: what little the residuals show of it says nothing of its cause.
@@ -222,11 +222,10 @@ def scored(
         u, s, v = u[:, :k], s[:k], v[:k]
         t = u.T @ residual
         size, sd = v.T @ (t / s), np.sqrt(np.sum((v.T / s) ** 2, axis=1))
+        shift = back @ (taken @ size)
+        shift = shift if to is None else to @ shift
         if one.moved is not None:
-            shift = one.moved @ (size * unit)
-        else:
-            shift = back @ (taken @ size)
-            shift = shift if to is None else to @ shift
+            shift = one.moved @ (size * unit) + (shift if shift.size else 0.0)
         open_ = np.linalg.norm(v, axis=0) < 1 - 1e-6 if k else np.ones(len(unit), dtype=bool)
         spanned.append(u)
         made.append(

@@ -161,17 +161,27 @@ def problem(
     def candidates(x: Array) -> list[Candidate]:
         nuisances = dict(zip(loose, x[p:].tolist(), strict=True))
         found: list[tuple[tuple[Column, ...], Array]] = []
+        drifts: list[tuple[tuple[Column, ...], Array]] = []
+        by = np.eye(p + q)
         for part, at in zip(parts, own, strict=True):
             columns, beside = part.left_out(x[at])
-            _, slope = part.rows(x[at], nuisances, beside)
-            end = slope.shape[1] - len(columns)
-            rows = slope[:, end:]
+            whole, drift, _ = part.whitened(x[at], nuisances, beside)
+            end = whole.shape[1] - len(columns)
             for k, one in enumerate(columns):
                 if one.name in loose:  # as it was estimated, but for its prior
-                    rows[:, k] = slope[:, end - q + list(loose).index(one.name)]
-            found.append((columns, rows))
+                    same = end - q + list(loose).index(one.name)
+                    whole[:, end + k], drift[:, end + k] = whole[:, same], drift[:, same]
+            found.append((columns, whole[:, end:]))
+            mean = _means(part, at, drift, p + q)
+            by[:, at] -= mean[:, 1 : 1 + at.size]
+            by[:, p:] -= mean[:, end - q : end]
+            drifts.append((columns, mean[:, end:]))
         columns, rows = left_out.together(found)
-        return left_out.candidates(columns, rows, None)
+        # One below the other; both parts move what is each one's own.
+        moved = left_out.together(drifts)[1].reshape(len(parts), p + q, -1).sum(axis=0)
+        # The estimate takes its mean drift in after all (`averaged`), as it will these shifts.
+        before = np.asarray(np.linalg.solve(by, moved), dtype=float)
+        return left_out.candidates(columns, rows, before)
 
     start = vectors.start(p, loose)
     return Problem(
@@ -210,13 +220,28 @@ def averaged(
         _, drift, covariance = part.whitened(estimate.value[at], nuisances)
         biases = np.flatnonzero(t.bias)
         axis, weight = t.axis[biases], t.weights[biases, BIAS]
-        value[at[biases]] += drift[axis, 0] / weight
-        columns = np.concatenate([at, np.arange(p, len(by))])
-        by[np.ix_(at[biases], columns)] -= drift[axis, 1:] / weight[:, None]
+        mean = _means(part, at, drift, len(by))
+        value += mean[:, 0]
+        by[:, np.concatenate([at, np.arange(p, len(by))])] -= mean[:, 1:]
         beyond[np.ix_(at[biases], at[biases])] = covariance[np.ix_(axis, axis)] / np.outer(
             weight, weight
         )
-    return replace(estimate, value=value, covariance=by @ estimate.covariance @ by.T + beyond)
+    scores = tuple(replace(one, shift=by @ one.shift) for one in estimate.scored.scores)
+    return replace(
+        estimate,
+        value=value,
+        covariance=by @ estimate.covariance @ by.T + beyond,
+        scored=estimate.scored._replace(scores=scores),
+    )
+
+
+def _means(part: Turning | Resting, at: Indices, drift: Array, count: int) -> Array:
+    """Return what the mean drift of each bias, (3, m), adds to it, (count, m)."""
+    t, made = part.part.terms, np.zeros((count, drift.shape[1]))
+    biases = np.flatnonzero(t.bias)
+    axis, weight = t.axis[biases], t.weights[biases, BIAS]
+    made[at[biases]] = drift[axis] / weight[:, None]
+    return made
 
 
 def _tests(
