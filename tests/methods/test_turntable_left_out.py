@@ -236,6 +236,23 @@ def test_a_violation_on_a_short_path_is_seen_and_named(name: str):
 
 
 @pytest.mark.slow
+def test_states_without_the_tables_errors_are_tested_too():
+    path = turntable.whole()
+    for name in ("accelerometer asymmetry", "drift of gyros"):
+        draw, one = VIOLATIONS[name].drawn(900, 2, path), VIOLATIONS[name]
+        for k in range(2):
+            estimate = KALMAN.estimator("drift")(one_of(draw, k), sensor(), BENCH, ())
+            assert not consistent(estimate)
+            assert one.name in first(estimate)[1]
+    draw = turntable.draw(900, 2, path, hz=HZ)
+    for k in range(2):
+        seen = one_of(draw, k)
+        assert consistent(KALMAN.estimator("drift")(seen, sensor(), BENCH, ()))
+        # The source's states hold neither latency nor right angles: its errors exceed its u.
+        assert not consistent(KALMAN.estimator("paper")(seen, sensor(), BENCH, ()))
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("run", CASES)
 def test_violations_are_seen_in_every_device_and_named(run: Run):
     path, names = CASES[run]
