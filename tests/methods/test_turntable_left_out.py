@@ -218,7 +218,7 @@ def test_what_is_as_stated_is_consistent(seed: int):
     assert all(consistent(kalman(one_of(draw, k), sensor(), BENCH)) for k in range(2))
 
 
-CASES = {
+CASES: dict[Run, tuple[list[Step], tuple[str, ...]]] = {
     kalman: (turntable.whole(), tuple(VIOLATIONS)),
     trajectory: (turntable.whole(), tuple(VIOLATIONS)),
     least_squares: (
