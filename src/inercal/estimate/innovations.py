@@ -4,11 +4,16 @@ Divided by their standard deviations, the innovations of a filter whose model ho
 and N(0, 1). Of a group of n epochs the sum over √n is N(0, 1) again, and a bias b of each grows to
 √n b there. Over g groups and m components::
 
-    means       Σ z²                              χ² of m g degrees of freedom
-    whiteness   Σ_l (Σ z_i · z_i+l)² / m (g − l)  χ² of as many as there are lags l, about
+    means       Σ z²                                          χ² of m g degrees of freedom
+    whiteness   (Σ z_i · z_i+1)² / Σ_odd |z_i−1 + z_i+1|²     χ² of one
 
 (Bar-Shalom, Li and Kirubarajan 2001, Estimation with Applications to Tracking and Navigation,
-section 5.4; Box and Pierce 1970, JASA 65, 1509–1526, for the second.)
+section 5.4). The second is exact however few the groups are: given the even z, the sum of the
+products of neighbours is normal in the odd z, with the denominator as its variance. Over its mean
+variance, as usual, it exceeds the .001 quantile ten times too often where there are ten groups.
+
+Whitened residuals of a fit of Jacobian J and covariance C of its estimate, priors included, are not
+independent: sums A r over groups have the covariance A Aᵀ − (A J) C (A J)ᵀ.
 """
 
 import numpy as np
@@ -17,8 +22,8 @@ from numpy.typing import NDArray
 from inercal.estimate.scores import Test
 
 Array = NDArray[np.float64]
-_LAGS = 3
 _FEWEST = 8  # groups that a correlation is computed from
+_LEFT = 1e-6  # least share of a mean that a fit leaves
 
 
 def standardised(off: Array, s: Array) -> Array:
@@ -56,7 +61,30 @@ def means_and_whiteness(z: Array, means: str, whiteness: str) -> tuple[Test, ...
     g, m = z.shape
     made = [Test(means, float(np.sum(z**2)), g * m)] if g else []
     if g >= _FEWEST:
-        lags = range(1, _LAGS + 1)
-        statistic = sum(float(np.sum(z[:-lag] * z[lag:])) ** 2 / (m * (g - lag)) for lag in lags)
-        made.append(Test(whiteness, statistic, _LAGS))
+        beside = z[:-1:2][: g // 2].copy()
+        after = z[2::2]
+        beside[: len(after)] += after
+        variance = float(np.sum(beside**2))
+        made.append(Test(whiteness, float(np.sum(z[1::2] * beside)) ** 2 / variance, 1))
     return tuple(made)
+
+
+def means_of_residuals(z: Array, slope: Array, covariance: Array, means: str) -> Test:
+    """Return the test of the means over groups of what a fit leaves.
+
+    Parameters
+    ----------
+    z : (k,) array
+        Sums over groups as of `grouped`, in any order.
+    slope : (k, p) array
+        The same sums of the whitened Jacobian.
+    covariance : (p, p) array
+        Of the estimate, by data and priors.
+    means : str
+        What the test is called.
+    """
+    spread = np.eye(len(z)) - slope @ covariance @ slope.T
+    values, vectors = np.linalg.eigh(spread)
+    kept = values > _LEFT
+    t = vectors[:, kept].T @ z / np.sqrt(values[kept])
+    return Test(means, float(t @ t), int(kept.sum()))

@@ -74,7 +74,7 @@ class Candidate:
         ∂(observations)/∂(component).
     moved : (q, k) array, optional
         By how much one unit of each component that is left out moves the estimate of each
-        parameter, where no Jacobian says so: a filter's.
+        parameter beyond what the Jacobian says: a filter has none.
     largest : (k,) array, optional
         The largest plausible size of each component. A direction whose η at that size is below 3
         is not scored: what little the residuals show of it says nothing of its cause.
@@ -199,6 +199,7 @@ def scored(
     to : (q, p) array, optional
         From the p coordinates of `jacobian` to the parameters whose shift is wanted.
     """
+    dof = len(residual) - jacobian.shape[1]
     if len(residual) > _MANY:
         residual, jacobian, candidates = _rotated(residual, jacobian, candidates)
     size_of = np.linalg.norm(jacobian, axis=0)
@@ -221,11 +222,10 @@ def scored(
         u, s, v = u[:, :k], s[:k], v[:k]
         t = u.T @ residual
         size, sd = v.T @ (t / s), np.sqrt(np.sum((v.T / s) ** 2, axis=1))
+        shift = back @ (taken @ size)
+        shift = shift if to is None else to @ shift
         if one.moved is not None:
-            shift = one.moved @ (size * unit)
-        else:
-            shift = back @ (taken @ size)
-            shift = shift if to is None else to @ shift
+            shift = one.moved @ (size * unit) + (shift if shift.size else 0.0)
         open_ = np.linalg.norm(v, axis=0) < 1 - 1e-6 if k else np.ones(len(unit), dtype=bool)
         spanned.append(u)
         made.append(
@@ -242,7 +242,6 @@ def scored(
                 u @ t,
             )
         )
-    dof = len(residual) - jacobian.shape[1]
     return Scored(tuple(made), _rank(spanned), float(residual @ residual), dof)
 
 

@@ -28,11 +28,12 @@ from inercal.frames import exp_so3, log_so3
 from inercal.methods.turntable import model
 from inercal.methods.turntable.model import Triad
 from inercal.motion import Motion
-from inercal.sensors import Sensor
+from inercal.sensors import G0, Sensor
 from inercal.sensors.tables import SI_UNITS, TABLES
 
 Array = NDArray[np.float64]
 MODES = 8  # cosines over the run that a slow change of a bias is described by
+LARGEST = 0.1  # of the natural size: plausible at most
 _HARMONICS = 2  # of each axis, tested at least
 _NOT_FELT = ("arm", "rotation", "temperature")  # groups of coefficients
 _UNITS = {"f": "m/s²", "w": "rad/s"}
@@ -41,16 +42,12 @@ _WORDS = {"f": "accelerometers", "w": "gyros"}
 
 @dataclass(frozen=True)
 class Column:
-    """One constant: its name, unit, and largest size before the data, SI; the candidates it is in.
-
-    A constant that the data know less than that is not scored: its column is what the guess of the
-    coefficients before the data leaves of it.
-    """
+    """One constant: its name and unit, the largest plausible size, SI, the candidates it is in."""
 
     name: str
     kind: Kind
     unit: str
-    expected: float
+    largest: float
     families: tuple[str, ...]
 
 
@@ -102,11 +99,10 @@ def of_sensor(part: Triad, motion: Motion, time: Array) -> tuple[tuple[Column, .
     larger = more(part.sensor)
     design = larger.design(motion, np.zeros(len(larger.coefficients)))
     columns: list[Column] = []
-    sizes = zip(larger.coefficients, model.expected(replace(part, sensor=larger)), strict=True)
-    for full, size in sizes:
+    for full, natural in zip(larger.coefficients, larger.natural.tolist(), strict=True):
         unit = SI_UNITS[larger.coefficient(full).unit]
         families = (full.partition(".")[2], full)
-        columns.append(Column(full, "coefficient", unit, float(size), families))
+        columns.append(Column(full, "coefficient", unit, LARGEST * natural, families))
     kind = part.sensor.axes[0].measures
     start, span = float(time[0]), float(time[-1] - time[0]) or 1.0
     share = (time - start) / span
@@ -120,7 +116,8 @@ def of_sensor(part: Triad, motion: Motion, time: Array) -> tuple[tuple[Column, .
                 name, families = f"mode {k} of {axis.name}", (f"slow changes of {_WORDS[kind]}",)
             else:
                 families = f"drift of {_WORDS[kind]}", name
-            columns.append(Column(name, "time", _UNITS[kind], np.inf, families))
+            largest = LARGEST * (G0 if kind == "f" else 1.0)
+            columns.append(Column(name, "time", _UNITS[kind], largest, families))
     return tuple(columns), np.concatenate([design, drift], axis=-1)
 
 
@@ -243,28 +240,17 @@ def together(parts: Sequence[tuple[Sequence[Column], Array]]) -> tuple[tuple[Col
     return tuple(found.values()), made
 
 
-def by_key(found: Sequence[Candidate]) -> list[Candidate]:
-    """Return candidates of means with the bench's parameters by their families, as in `candidates`.
-
-    Coefficients of accelerometers that turn are left out: means at rest say nothing of them.
-    """
-    turning = {one.name for one in TABLES["f"] if one.group in _NOT_FELT}
-    made: list[Candidate] = []
-    bench: list[Candidate] = []
-    for one in found:
-        if one.kind == "bench":
-            bench.append(one)
-        elif one.kind != "coefficient" or one.name.rpartition(".")[2] not in turning:
-            made.append(one)
-    if not bench:
-        return made
-    columns = tuple(_bench(one.name, one.units[0]) for one in bench)
-    rows = np.concatenate([one.rows for one in bench], axis=1)
-    return made + candidates(columns, rows, None)
+def families(bench: Turntable) -> dict[str, tuple[str, ...]]:
+    """Return which of the table's parameters are candidates together, by the candidate's name."""
+    found: dict[str, tuple[str, ...]] = {}
+    for one in bench.parameters:
+        for family in _bench(one.name, one.unit).families:
+            found[family] = (*found.get(family, ()), one.name)
+    return found
 
 
 def candidates(columns: Sequence[Column], rows: Array, moved: Array | None) -> list[Candidate]:
-    """Return the candidates that columns make: each family, of those that the data show.
+    """Return the candidates that columns make: each family.
 
     Parameters
     ----------
@@ -274,13 +260,12 @@ def candidates(columns: Sequence[Column], rows: Array, moved: Array | None) -> l
     moved : (q, c) array or None
         By how much one unit moves each parameter.
     """
-    families: dict[str, list[int]] = {}
+    found: dict[str, list[int]] = {}
     for k, one in enumerate(columns):
-        shown = moved is None or np.linalg.norm(rows[:, k]) * one.expected > 1
-        for family in one.families if shown else ():
-            families.setdefault(family, []).append(k)
+        for family in one.families:
+            found.setdefault(family, []).append(k)
     made: list[Candidate] = []
-    for name, at in families.items():
+    for name, at in found.items():
         if len(at) == 1 and columns[at[0]].families[-1] != name:
             continue  # what is alone in its family is a candidate by itself
         chosen = [columns[k] for k in at]
@@ -292,6 +277,7 @@ def candidates(columns: Sequence[Column], rows: Array, moved: Array | None) -> l
                 tuple(one.unit for one in chosen),
                 rows[:, at],
                 None if moved is None else moved[:, at],
+                np.array([one.largest for one in chosen]),
             )
         )
     return made
@@ -305,7 +291,7 @@ def _bench(name: str, unit: str) -> Column:
     else:
         key = name.partition("_")[0]
         families = (key, name) if key in ("lean", "square") else (name,)
-    return Column(name, "bench", unit, 1.0, families)
+    return Column(name, "bench", unit, LARGEST, families)
 
 
 def _inverse(part: Triad, theta: Array) -> Array:

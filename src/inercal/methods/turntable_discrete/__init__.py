@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 from inercal.benches.turntable import Turntable
 from inercal.benches.turntable_paths import named
 from inercal.errors import InputError
-from inercal.estimate import Candidate, Estimate, Gaussian, Problem
+from inercal.estimate import Estimate, Gaussian, Problem
 from inercal.estimate import least_squares as solve
 from inercal.methods import vectors
 from inercal.methods._base import Method
 from inercal.methods.observed import require_observed
 from inercal.methods.turntable.drift import covariance_of_means
-from inercal.methods.turntable.left_out import by_key
+from inercal.methods.turntable.left_out import families
 from inercal.methods.turntable_discrete.felt import Way, felt, mean, planned, rows
 from inercal.plan import Position, Rotation, TableStep
 from inercal.recording import Observations, Track
@@ -102,18 +102,18 @@ def problem(
     motion, df, dw = rows(bench, ways)
     declared = {n: p for n, p in bench.nuisances().items() if n in df or n in dw}
     whole = vectors.problem(
-        observations, sensor, declared, lambda q: felt(bench, motion, df, dw, q), priors, timed=True
+        observations,
+        sensor,
+        declared,
+        lambda q: felt(bench, motion, df, dw, q),
+        priors,
+        timed=True,
+        families=families(bench),
     )
     turns = np.array([len(way.time) > 1 for way in ways])
     forces = np.array([axis.measures == "f" for axis in sensor.axes])
     at = np.flatnonzero(~(turns[:, None] & forces))
-    some = vectors.some_rows(whole, at)
-
-    def candidates(x: Array) -> list[Candidate]:
-        assert some.candidates is not None
-        return by_key(some.candidates(x))
-
-    return replace(some, candidates=candidates)
+    return vectors.some_rows(whole, at)
 
 
 def _read_back(

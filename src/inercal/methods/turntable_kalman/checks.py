@@ -186,4 +186,7 @@ def scores(
         moved[np.ix_(rows, to)] = one.sums.moved[states]
     residual, rows = compressed(gram, product)
     made = columns.candidates(tuple(found.values()), rows, moved)
-    return scored(residual, np.zeros((len(residual), 0)), made)
+    standard = np.concatenate([one.standard.ravel() for one in parts])
+    standard = standard[np.isfinite(standard)]
+    tested = scored(residual, np.zeros((len(residual), 0)), made)
+    return tested._replace(chi2=float(standard @ standard), dof=standard.size)

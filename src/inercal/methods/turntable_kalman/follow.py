@@ -125,8 +125,8 @@ def followed(
         for one in trials[0]
     ]
     made = [_together(names, trial, own) for trial in trials]
-    # An R that is not the noise's makes innovations of another size.
-    checked = [one.checked for one in trials[0] if one.checked and not one.tests]
+    # An R above the noise makes the tests of means less sharp, not wrong: biases still add up.
+    checked = [one.checked for one in trials[0] if one.checked]
     q, p = len(names), len(sensor.coefficients)
     value = np.array([one[0] for one in made]).reshape(*lead, q)
     covariance = np.array([one[1] for one in made]).reshape(*lead, q, q)

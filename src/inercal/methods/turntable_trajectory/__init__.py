@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 from inercal.benches.turntable import Turntable
 from inercal.benches.turntable_paths import named
 from inercal.errors import InputError
-from inercal.estimate import Candidate, Estimate, Gaussian, Problem
+from inercal.estimate import Candidate, Estimate, Gaussian, Problem, Test
 from inercal.estimate import least_squares as solve
+from inercal.estimate.innovations import grouped, means_of_residuals
 from inercal.methods import vectors
 from inercal.methods._base import Method
 from inercal.methods.turntable import left_out, model
@@ -70,8 +71,14 @@ def trajectory(
     if track is None:
         raise InputError("a trajectory follows a recording; means of positions are not enough")
     lead = track.reading.shape[:-2]
+    spans = np.column_stack([observations.time, observations.duration])
     return stacked(
-        [solved(sensor, bench, track.trial(*k), priors) for k in np.ndindex(*lead)], lead
+        [
+            # Of several trials the first one's steps are tested.
+            solved(sensor, bench, track.trial(*k), priors, steps=None if any(k) else spans)
+            for k in np.ndindex(*lead)
+        ],
+        lead,
     )
 
 
@@ -81,6 +88,7 @@ def solved(
     track: Track,
     priors: Sequence[Gaussian] = (),
     epochs: Indices | None = None,
+    steps: Array | None = None,
 ) -> Estimate:
     """Return the estimate of one trial.
 
@@ -92,6 +100,8 @@ def solved(
         Of one trial.
     epochs : (e,) array of int, optional
         Samples at which the readback is compared with the gyros; None is ten times a second.
+    steps : (r, 2) array, optional
+        Middle and duration of each step of the run, s, whose mean residuals are tested.
 
     Raises
     ------
@@ -99,11 +109,15 @@ def solved(
         As of `trajectory`.
     """
     parts = tuple(_parts(sensor, bench, track, epochs))
-    estimate = averaged(solve(problem(sensor, bench, parts, priors)), sensor, bench, parts)
+    asked = problem(sensor, bench, parts, priors)
+    estimate = solve(asked)
+    if steps is not None:
+        _, jacobian = asked.linearise(estimate.value)
+        estimate = replace(estimate, tests=_tests(estimate, jacobian, parts, steps))
+    estimate = averaged(estimate, sensor, bench, parts)
     for part in parts:
         at = [sensor.coefficients.index(name) for name in part.part.sensor.coefficients]
-        what = "gyros" if isinstance(part, Turning) else "accelerometers"
-        model.require_decided(part.part, estimate.covariance[np.ix_(at, at)], what)
+        model.require_decided(part.part, estimate.covariance[np.ix_(at, at)], part.what)
     return estimate
 
 
@@ -147,17 +161,27 @@ def problem(
     def candidates(x: Array) -> list[Candidate]:
         nuisances = dict(zip(loose, x[p:].tolist(), strict=True))
         found: list[tuple[tuple[Column, ...], Array]] = []
+        drifts: list[tuple[tuple[Column, ...], Array]] = []
+        by = np.eye(p + q)
         for part, at in zip(parts, own, strict=True):
             columns, beside = part.left_out(x[at])
-            _, slope = part.rows(x[at], nuisances, beside)
-            end = slope.shape[1] - len(columns)
-            rows = slope[:, end:]
+            whole, drift, _ = part.whitened(x[at], nuisances, beside)
+            end = whole.shape[1] - len(columns)
             for k, one in enumerate(columns):
                 if one.name in loose:  # as it was estimated, but for its prior
-                    rows[:, k] = slope[:, end - q + list(loose).index(one.name)]
-            found.append((columns, rows))
+                    same = end - q + list(loose).index(one.name)
+                    whole[:, end + k], drift[:, end + k] = whole[:, same], drift[:, same]
+            found.append((columns, whole[:, end:]))
+            mean = _means(part, at, drift, p + q)
+            by[:, at] -= mean[:, 1 : 1 + at.size]
+            by[:, p:] -= mean[:, end - q : end]
+            drifts.append((columns, mean[:, end:]))
         columns, rows = left_out.together(found)
-        return left_out.candidates(columns, rows, None)
+        # One below the other; both parts move what is each one's own.
+        moved = left_out.together(drifts)[1].reshape(len(parts), p + q, -1).sum(axis=0)
+        # The estimate takes its mean drift in after all (`averaged`), as it will these shifts.
+        before = np.asarray(np.linalg.solve(by, moved), dtype=float)
+        return left_out.candidates(columns, rows, before)
 
     start = vectors.start(p, loose)
     return Problem(
@@ -196,13 +220,52 @@ def averaged(
         _, drift, covariance = part.whitened(estimate.value[at], nuisances)
         biases = np.flatnonzero(t.bias)
         axis, weight = t.axis[biases], t.weights[biases, BIAS]
-        value[at[biases]] += drift[axis, 0] / weight
-        columns = np.concatenate([at, np.arange(p, len(by))])
-        by[np.ix_(at[biases], columns)] -= drift[axis, 1:] / weight[:, None]
+        mean = _means(part, at, drift, len(by))
+        value += mean[:, 0]
+        by[:, np.concatenate([at, np.arange(p, len(by))])] -= mean[:, 1:]
         beyond[np.ix_(at[biases], at[biases])] = covariance[np.ix_(axis, axis)] / np.outer(
             weight, weight
         )
-    return replace(estimate, value=value, covariance=by @ estimate.covariance @ by.T + beyond)
+    scores = tuple(replace(one, shift=by @ one.shift) for one in estimate.scored.scores)
+    return replace(
+        estimate,
+        value=value,
+        covariance=by @ estimate.covariance @ by.T + beyond,
+        scored=estimate.scored._replace(scores=scores),
+    )
+
+
+def _means(part: Turning | Resting, at: Indices, drift: Array, count: int) -> Array:
+    """Return what the mean drift of each bias, (3, m), adds to it, (count, m)."""
+    t, made = part.part.terms, np.zeros((count, drift.shape[1]))
+    biases = np.flatnonzero(t.bias)
+    axis, weight = t.axis[biases], t.weights[biases, BIAS]
+    made[at[biases]] = drift[axis] / weight[:, None]
+    return made
+
+
+def _tests(
+    estimate: Estimate, jacobian: Array, parts: Sequence[Turning | Resting], steps: Array
+) -> tuple[Test, ...]:
+    """Return the tests of mean residuals in each step, of gyros and of accelerometers."""
+    made: list[Test] = []
+    first = 0
+    for part in parts:
+        time, p = part.stamps, jacobian.shape[1]
+        rows = slice(first, first + 3 * time.size)
+        first = rows.stop
+        group = np.full(time.size, -1)
+        for number, (middle, seconds) in enumerate(steps.tolist()):
+            group[np.abs(time - middle) <= seconds / 2] = number
+        residual = estimate.whitened[rows].reshape(-1, 3)
+        group[~residual.any(axis=1)] = -1  # across a gap
+        z = grouped(residual, group)
+        if not z.size:
+            continue
+        slope = grouped(jacobian[rows].reshape(-1, 3 * p), group).reshape(-1, p)
+        name = f"mean residuals of the {part.what} in each step"
+        made.append(means_of_residuals(z.ravel(), slope, estimate.covariance, name))
+    return tuple(made)
 
 
 def _parts(

@@ -66,6 +66,7 @@ class Turning:
     track: Track
     epochs: Indices
     by: Array
+    what = "gyros"
 
     @classmethod
     def of(
@@ -166,6 +167,11 @@ class Turning:
         return found.all, np.concatenate(made, axis=-1)
 
     @property
+    def stamps(self) -> Array:
+        """Times of the rows, (e,) s."""
+        return self.track.time[self.epochs[1:]]
+
+    @property
     def _lost(self) -> NDArray[np.bool_]:
         """Return on which ways samples are missing that rates cannot be carried over, (e,)."""
         missing = (np.diff(self.track.time) > model.GAP).astype(np.int64)
@@ -228,6 +234,12 @@ class Resting:
     felt: Array
     by: Array
     angles: Array
+    what = "accelerometers"
+
+    @property
+    def stamps(self) -> Array:
+        """Times of the rows, (e,) s."""
+        return self.time
 
     @classmethod
     def of(cls, part: model.Triad, bench: Turntable, track: Track) -> "Resting":
