@@ -7,6 +7,7 @@ uncertainty holds fixture and turn-angle errors, local gravity and the clock.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,7 +68,7 @@ def ml(
         raise not_observed(sensor, error.directions, missing) from None
     require_observed(estimate, sensor, missing)
     require_separated(sensor, done, missing, priors)
-    return estimate
+    return replace(estimate, tests=observations.tests)
 
 
 def problem(
