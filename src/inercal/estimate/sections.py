@@ -226,9 +226,8 @@ def _correlations(
     """Return the correlation of all sections, and that of all but each."""
     longest = max(one.seconds for one in sections)
     shortest = min(one.seconds / 2 ** len(one.levels) for one in sections)
-    times: list[float] = np.geomspace(shortest / 4, longest / 2, _TIMES).tolist()
-    ratios: list[float] = _RATIOS[1:].tolist()
-    grid = [Correlation(ratio, time) for time in times for ratio in ratios]
+    times: Array = np.geomspace(shortest / 4, longest / 2, _TIMES, dtype=np.float64)
+    grid = [Correlation(float(ratio), float(time)) for time in times for ratio in _RATIOS[1:]]
     channels = max(sections[0].levels[0].shape[1], 1)
     deviance = np.empty((len(sections), len(grid) + 1))
     for k, (power, one) in enumerate(zip(powers, sections, strict=True)):
