@@ -17,9 +17,8 @@ and are kept where twice its logarithm rises by more than the 99 % bound, whiche
 out: one disturbed section is no correlation. τ is at most T/2: what is slower shows between
 sections.
 
-* Change within a section: the contrasts of levels 1 and 2 (a step, a slope) against the section's
-  own scatter on the finer levels, F with 3 degrees of freedom, by the correlation that the other
-  sections show.
+* Change within a section: the contrast of its halves, and those of the halves' halves, against the
+  section's own scatter on the finer levels (F), by the correlation that the other sections show.
 * Trend common to all sections: the mean of their slopes against the scatter of the slopes and of
   the contrasts of levels 2 and 3.
 * Scatter of each section: its variance on the finer levels, drawn to that of all (empirical Bayes)
@@ -81,9 +80,7 @@ class Correlation:
 
     def of_contrasts(self, seconds: Array) -> Array:
         """Return the variance of contrasts of blocks of h seconds over that of the white part."""
-        x = self.seconds / seconds
-        a = -np.expm1(-1 / x)
-        return np.asarray(1 + self.ratio * (1 - x * a - 0.5 * x * a**2))
+        return _of_contrasts(np.array(self.ratio), np.array(self.seconds), seconds)
 
     def of_means(self, seconds: Array) -> Array:
         """Return the variance of means over T seconds over that of the white part."""
@@ -94,6 +91,12 @@ class Correlation:
         """Return the scatter of a number of batch means in T seconds, over that of white noise."""
         own, whole = self.of_means(seconds / batches), self.of_means(seconds)
         return np.asarray((own - whole / batches) * batches / (batches - 1))
+
+
+def _of_contrasts(ratio: Array, tau: Array, h: Array) -> Array:
+    x = tau / h
+    a = -np.expm1(-1 / x)
+    return np.asarray(1 + ratio * (1 - x * a - 0.5 * x * a**2), dtype=np.float64)
 
 
 WHITE = Correlation()
@@ -229,17 +232,19 @@ def _correlations(
     times: Array = np.geomspace(shortest / 4, longest / 2, _TIMES, dtype=np.float64)
     grid = [Correlation(float(ratio), float(time)) for time in times for ratio in _RATIOS[1:]]
     channels = max(sections[0].levels[0].shape[1], 1)
-    deviance = np.empty((len(sections), len(grid) + 1))
+    every = [WHITE, *grid]
+    ratio, tau = (
+        np.array(part)[:, None] for part in zip(*((c.ratio, c.seconds) for c in every), strict=True)
+    )
+    deviance = np.empty((len(sections), len(every)))
     for k, (power, one) in enumerate(zip(powers, sections, strict=True)):
         dof = channels * np.array([len(level) for level in one.levels], dtype=np.float64)
-        blocks = _blocks(one.seconds, len(one.levels))
-        shape = _shapes(tuple(grid), blocks)
+        shape = _of_contrasts(ratio, tau, _blocks(one.seconds, len(one.levels)))
         own = (power / shape) @ dof / dof.sum()
         deviance[k] = np.log(shape) @ dof + dof.sum() * np.log(np.maximum(own, _LEAST))
     without = deviance.sum(axis=0) - deviance
     rise = without[:, 0] - without.min(axis=1)
     bound = float(chdtri(2, _LEVEL))
-    every = [WHITE, *grid]
     others = tuple(
         every[int(np.argmin(row))] if up > bound else WHITE
         for row, up in zip(without, rise, strict=True)
@@ -248,11 +253,6 @@ def _correlations(
         return WHITE, (WHITE,) * len(sections)
     whole = every[int(np.argmin(deviance.sum(axis=0)))] if rise.min() > bound else WHITE
     return whole, others
-
-
-def _shapes(grid: tuple[Correlation, ...], blocks: Array) -> Array:
-    """Return the variance of contrasts by each correlation, white first, (1 + grid, levels)."""
-    return np.stack([one.of_contrasts(blocks) for one in (WHITE, *grid)])
 
 
 def _fine(
@@ -322,17 +322,14 @@ def _change(
     found: list[tuple[float, str]] = []
     for one, by in zip(sections, judged, strict=True):
         coarse = one.levels[:_COARSE]
-        shape = by.correlation.of_contrasts(_blocks(one.seconds, len(coarse)))
-        directions = sum(len(level) for level in coarse)
+        shape = by.correlation.of_contrasts(_blocks(one.seconds, len(coarse))).tolist()
         for k in used.tolist():
             # Both blocks have one rounding error each.
             of_steps = 0.5 * one.samples * float(steps[k]) / float(size[k]) ** 2
-            total = sum(
-                float(np.sum((level[:, k] / size[k]) ** 2)) / (by.white * part + of_steps)
-                for level, part in zip(coarse, shape.tolist(), strict=True)
-            )
-            p = float(fdtrc(directions, by.freedom, total / directions))
-            found.append((p, f"change within {by.label} ({names[k]})"))
+            for level, part in zip(coarse, shape, strict=True):
+                square = float(np.mean((level[:, k] / size[k]) ** 2)) / (by.white * part + of_steps)
+                p = float(fdtrc(len(level), by.freedom, square))
+                found.append((p, f"change within {by.label} ({names[k]})"))
     least, worst = min(found)
     return _as_test(worst, len(found) * least)
 
