@@ -31,7 +31,7 @@ def session(seed: int, case: str, size: float) -> tuple[bool, Array]:
     device = mems(rng)
     if case == "memory":
         device = replace(device, colour_a=1e-3 * G0, colour_seconds=size)
-    made = record(device, HANDS, rng, moves=True)
+    made = record(device, HANDS, rng, rate_hz=50.0, moves=True)
     data = made.data.copy()
     if case == "drift":
         ramp = (np.arange(data.shape[1]) + 0.5) / data.shape[1] - 0.5
@@ -73,6 +73,6 @@ def test_a_step_in_half_a_rest_is_never_called_consistent(size: float) -> None:
 
 @pytest.mark.slow
 def test_sessions_that_hold_the_model_are_called_consistent() -> None:
-    share, called = beyond("none", 0.0, 2 * SESSIONS)
-    assert called >= 0.98
+    share, called = beyond("none", 0.0)
+    assert called >= 0.95  # an overall level of 1 %
     assert share <= 0.07

@@ -73,10 +73,10 @@ def _of_coefficients(rests: Rests, rows: Rows, x: Array, enter: Array) -> Iterat
         family = next((word for word in _WORDS[measures] if _of(word, larger, full)), None)
         if full in sensor.coefficients or family is None:
             continue
-        alone = replace(sensor, coefficients=(full,))
+        alone = replace(sensor, axes=(sensor.axes[axis],), coefficients=(full,))
 
-        def basis(motion: Motion, alone: Sensor = alone, axis: int = axis) -> Array:
-            return alone.design(motion, np.zeros(1))[:, axis, 0]
+        def basis(motion: Motion, alone: Sensor = alone) -> Array:
+            return alone.design(motion, np.zeros(1))[:, 0, 0]
 
         column = _added(rests, enter, axis, basis(at_rest))
         if measures == "w":
