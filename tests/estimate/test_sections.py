@@ -161,3 +161,30 @@ def test_the_scatter_of_batches_of_white_noise_is_that_of_samples() -> None:
     # A correlation far shorter than a batch adds its whole density.
     assert Correlation(5.0, 1e-5).of_batches(seconds, 20) == pytest.approx(6.0, rel=1e-3)
     assert Correlation(5.0, 1e-5).of_means(seconds) == pytest.approx(6.0, rel=1e-3)
+
+
+def flicker(rng: np.random.Generator) -> list[Array]:
+    """Return six slices of one series whose power falls with frequency, and white noise."""
+    n = 8 * SAMPLES
+    spectrum = rng.standard_normal((2, n // 2, 3)) / np.sqrt(np.arange(1, n // 2 + 1))[:, None]
+    slow = np.fft.irfft(
+        np.concatenate([np.zeros((1, 3)), spectrum[0] + 1j * spectrum[1]]), n, axis=0
+    )
+    series = 3.0 * slow / slow.std() + rng.standard_normal((n, 3))
+    return [series[k * SAMPLES : (k + 1) * SAMPLES] for k in range(len(LABELS))]
+
+
+def test_coloured_noise_is_rejected_no_more_often_than_the_level_says() -> None:
+    rng = np.random.default_rng(10)
+    found: list[list[float]] = []
+    for _ in range(100):
+        cut = [contrasts(one, SECONDS) for one in flicker(rng)]
+        found.append([t.p_value for t in judge(cut, LABELS, NAMES, coloured=True).tests])
+    p = np.array(found)
+    assert np.mean(p < 0.05, axis=0).max() < 0.05 + 4 * np.sqrt(0.05 * 0.95 / 100)
+    sections = flicker(rng)
+    sections[4][SAMPLES // 2 :, 1] += 40.0
+    cut = [contrasts(one, SECONDS) for one in sections]
+    change = judge(cut, LABELS, NAMES, coloured=True).tests[0]
+    assert change.name == "change within e (y)"
+    assert change.p_value < 1e-3

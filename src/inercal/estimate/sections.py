@@ -167,6 +167,8 @@ def judge(
     labels: Sequence[str],
     names: Sequence[str],
     rounding: Array | None = None,
+    *,
+    coloured: bool = False,
 ) -> Judged:
     """Judge sections of channels of one kind, whose noise has one shape.
 
@@ -180,6 +182,9 @@ def judge(
         Of the channels.
     rounding : (m,) array, optional
         Variance that coarse steps add to each mean.
+    coloured : bool
+        The noise is known to have a slow part of any spectrum, such as flicker: each contrast and
+        slope is tested against those of its own length alone.
     """
     r = len(sections)
     size = _sizes(sections)
@@ -197,8 +202,11 @@ def judge(
         _Change(label, found, float(scales[id(found)][0][k]), float(scales[id(found)][1][k]))
         for k, (label, found) in enumerate(zip(labels, others, strict=True))
     ]
-    trend, sd, common = _trend(sections, names, size, used, fitted)
-    change = _change(sections, changes, names, size, used, rounding)
+    trend, sd, common = _trend(sections, names, size, used, None if coloured else fitted)
+    if coloured:
+        change = _change_among(sections, labels, names, size, used)
+    else:
+        change = _change(sections, changes, names, size, used, rounding)
     scale = scales[id(fitted)][0]
     return Judged(fitted, scale / scale.mean(), trend, sd, (change, *common))
 
@@ -334,12 +342,37 @@ def _change(
     return _as_test(worst, len(found) * least)
 
 
+def _change_among(
+    sections: Sequence[Contrasts],
+    labels: Sequence[str],
+    names: Sequence[str],
+    size: Array,
+    used: NDArray[np.intp],
+) -> Test:
+    """Return the same test against the contrasts of the same level in the other sections."""
+    found: list[tuple[float, str]] = []
+    for place in range(_COARSE):
+        squares = np.stack(
+            [(one.levels[place] / np.where(size > 0, size, 1.0)) ** 2 for one in sections]
+        )
+        squares = squares[..., used]
+        count, others = squares.shape[1], squares[0].size * (len(sections) - 1)
+        for k, label in enumerate(labels):
+            rest = float(squares.sum() - squares[k].sum())
+            for a, channel in enumerate(used.tolist()):
+                ratio = float(squares[k, :, a].mean()) / max(rest / max(others, 1), _LEAST)
+                p = float(fdtrc(count, others, ratio)) if others else 1.0
+                found.append((p, f"change within {label} ({names[channel]})"))
+    least, worst = min(found)
+    return _as_test(worst, len(found) * least)
+
+
 def _trend(
     sections: Sequence[Contrasts],
     names: Sequence[str],
     size: Array,
     used: NDArray[np.intp],
-    correlation: Correlation,
+    correlation: Correlation | None,
 ) -> tuple[Array, Array, tuple[Test, ...]]:
     """Return the mean trend and its standard deviation, (m,) per second, and its test."""
     m, r = len(names), len(sections)
@@ -353,7 +386,8 @@ def _trend(
     # The channels' slopes scatter alike in units of their noise, and as contrasts of halves do.
     left = ((slope - reach[:, None] * mean) / unit)[:, used]
     total, dof = float(np.sum(left**2)), left.size - used.size
-    for one in sections:
+    for one in sections if correlation is not None else ():
+        assert correlation is not None
         halves = float(correlation.of_contrasts(np.array(one.seconds / 2)))
         for place, level in enumerate(one.levels[1:_OF_SLOPES], 2):
             shape = float(correlation.of_contrasts(np.array(one.seconds / 2**place))) / halves

@@ -20,7 +20,7 @@ from inercal.segments.attitudes import FLAWS
 from inercal.segments.drift import drift_covariance
 from inercal.segments.stillness import require_still
 from inercal.segments.tremor import without_tremor
-from inercal.segments.within import Within, within
+from inercal.segments.within import Within, drift_in_words, within
 from inercal.sensors import Sensor
 from inercal.uncertainty import BATCHES, pooled_mean_covariances
 
@@ -124,6 +124,7 @@ def observe(
             since = middles - middles[at_rest].mean()
             shared = np.outer(since, since)[..., None] * found_within.trend**2
             drift = shared if drift is None else drift + shared
+            notes = (*notes, *drift_in_words(sensor, found_within.trend * recording.duration))
     else:
         trials: Array = np.reshape(recording.data, (-1, *recording.data.shape[-2:]))
         parts = (trials[k] for k in range(len(trials)))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from inercal.estimate import Test
 from inercal.estimate.sections import WHITE, Correlation, Judged, contrasts, judge
 from inercal.segments.tremor import along_gravity
-from inercal.sensors import Noise, Sensor
+from inercal.sensors import G0, Noise, Sensor
 
 Array = NDArray[np.float64]
 _KINDS = {"f": "accelerometers", "w": "gyros"}
@@ -94,17 +94,31 @@ def within(
             for section, t in zip(sections(), seconds.tolist(), strict=True)
         ]
         names = [sensor.axes[k].name for k in own]
-        judged = judge(cut, labels, names, rounding[own])
-        scale[:, own] = judged.scale[:, None]
-        tests += judged.tests
         # Slow noise that the sensor's table states is counted as stated.
         stated = any(_slow(sensor.axes[k].noise) for k in own)
+        judged = judge(cut, labels, names, rounding[own], coloured=stated)
+        scale[:, own] = judged.scale[:, None]
+        tests += judged.tests
         if not stated:
             trend[own] = judged.trend_found
             for k in own:
                 correlation[k] = judged.correlation
         notes += _notes(words, judged, seconds, labels, stated)
     return Within(scale, tuple(correlation), trend, tuple(tests), tuple(notes))
+
+
+def drift_in_words(sensor: Sensor, reach: Array) -> list[str]:
+    """Return what is counted of a drift over the run, (m,) SI, in words for each kind of axis."""
+    found: list[str] = []
+    for kind, words in _KINDS.items():
+        own = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind]
+        if own and (most := float(reach[own].max())) > 0:
+            text = f"{most / G0 * 1e3:.2g} mg" if kind == "f" else f"{np.degrees(most):.2g} °/s"
+            found.append(
+                f"the slopes within the rests leave a drift of about {text} over the run open "
+                f"({words}, k = 1): it is in the uncertainty of the biases"
+            )
+    return found
 
 
 def _slow(noise: Noise) -> bool:
