@@ -81,6 +81,18 @@ def test_classical_has_the_tests_of_the_readings() -> None:
     assert all(one.shift.shape == (12,) for one in by_formulas.scored.scores)
 
 
+@pytest.mark.parametrize("estimator", ["ml", "classical"])
+def test_terms_that_shift_a_coefficient_unseen_are_noted(estimator: str) -> None:
+    """Even on faces true to 2″ a k2 that moves the bias by 5 u has η < 6; k3 is never seen."""
+    estimate = six(None, estimator=estimator)
+    ml = six(None)
+    k2 = next(score for score in ml.scored.scores if score.name == "ax.k2")
+    bias = ml.names.index("ax.k0")
+    size = 5 * float(ml.std[bias]) * float(k2.size[0]) / float(k2.shift[bias])
+    assert abs(size) < 6 * float(k2.sd[0])
+    assert any("k2" in note and "k3" in note for note in estimate.notes)
+
+
 def hand_held(
     change: Callable[[Array, list[tuple[int, int]]], None] | None = None,
     seed: int = 1,

@@ -89,6 +89,7 @@ def _tested(found: Estimate, by_problem: Estimate) -> Estimate:
         found,
         tests=(agreement, *by_problem.tests),
         scored=by_problem.scored._replace(scores=scores),
+        notes=(*found.notes, *by_problem.notes),
     )
 
 
