@@ -51,7 +51,8 @@ def hidden(estimate: Estimate, sensor: Sensor) -> tuple[str, ...]:
                 break
     if not found:
         return ()
+    counted = ", ".join(_TERMS[term] for term in found)
     return (
         f"{', '.join(found)} of the accelerometers cannot be told from bias and scale factor by "
-        f"these positions: {', '.join(_TERMS[term] for term in found)}; the uncertainties do not hold it",
+        f"these positions: {counted}; the uncertainties do not hold it",
     )
