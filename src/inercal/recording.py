@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.errors import InputError
+from inercal.estimate import Test
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -311,6 +312,10 @@ class Observations:
         Between neighbouring rows, for methods that follow the rate from rest to rest.
     track : Track or None
         The samples themselves, for methods that follow them.
+    tests : tuple of Test
+        Of the sections against themselves, where a recording was averaged.
+    notes : tuple of str
+        What the sections show of their noise, in words.
 
     Raises
     ------
@@ -331,6 +336,8 @@ class Observations:
     rounding: Array | None = None
     passages: Passages | None = None
     track: Track | None = None
+    tests: tuple[Test, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         r, m = len(self.labels), len(self.channels)
@@ -393,4 +400,6 @@ def joined(one: Observations, other: Observations) -> Observations:
         dof=min(one.dof, other.dof),
         drift=drift,
         rounding=one.rounding,
+        tests=(*one.tests, *other.tests),
+        notes=(*one.notes, *other.notes),
     )

@@ -31,7 +31,7 @@ _LEFT_OUT = ("temperature",)
 _ROUNDED = 1e-12
 _COMPONENTS = ("x", "y", "z", "1", "2")
 # Plausible at most: a coefficient or a bench parameter of a tenth of its natural size.
-_LARGEST = 0.1
+LARGEST = 0.1
 _NATURAL = {"m/s²": G0, "(m/s²)⁻¹": 1 / G0}
 _SI = {"f": "m/s²", "w": "rad/s"}
 
@@ -146,7 +146,7 @@ def _of_sensor(
             members,
             tuple(SI_UNITS[larger.coefficient(full).unit] for full in members),
             np.stack([column[full] for full in members], axis=-1),
-            largest=_LARGEST * np.array([larger.coefficient(full).natural for full in members]),
+            largest=LARGEST * np.array([larger.coefficient(full).natural for full in members]),
         )
         for name, members in (*together, *alone)
     ]
@@ -211,7 +211,7 @@ def of_priors(sensor: Sensor, told: Sequence[str], column: Mapping[str, Array]) 
 def _largest(parameter: Parameter) -> float:
     """Return the largest plausible departure of a bench's parameter from what was stated, SI."""
     natural = max(abs(parameter.value), _NATURAL.get(parameter.unit, 1.0))
-    return max(_LARGEST * natural, 10 * parameter.sd)
+    return max(LARGEST * natural, 10 * parameter.sd)
 
 
 def _acts(column: Array) -> bool:

@@ -10,17 +10,22 @@ whose columns are the mean readings of x, y, z up and down, and W those of the i
                     K_g R_g = W / α, with bias and K_ga f̄ taken out      (12–15)
 
 so that a reading is K R (f or ω) + b, and for a gyro + K_ga f. Faces, turns and gravity are taken
-as exact: the covariance here holds the noise of the means alone, and no redundancy is left.
+as exact: the covariance here holds the noise of the means alone, and the formulas leave no
+residual. Whether the readings agree with one another is tested by the problem of `ml`, in which
+faces, turns and gravity have their stated deviations.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches import Hand
 from inercal.errors import InputError, NotObserved
-from inercal.estimate import Estimate, Gaussian
+from inercal.estimate import Estimate, Gaussian, Test
+from inercal.methods.likelihood_tests import READINGS
+from inercal.methods.means import ml
 from inercal.methods.observed import NOISE_ALONE
 from inercal.plan import HandStep, Turn
 from inercal.recording import Observations
@@ -71,7 +76,21 @@ def classical(
     value, spread = propagate(formulas, flat, observations.full_covariance)
     information = np.linalg.inv(spread / np.outer(sensor.natural, sensor.natural))
     singular = np.sqrt(np.linalg.eigvalsh(information)[::-1])
-    return Estimate.of_formulas(sensor.coefficients, value, spread, singular, (NOISE_ALONE,))
+    found = Estimate.of_formulas(sensor.coefficients, value, spread, singular, (NOISE_ALONE,))
+    return _tested(found, ml(observations, sensor, bench, steps))
+
+
+def _tested(found: Estimate, by_problem: Estimate) -> Estimate:
+    """Return the estimate with the tests of the problem of the same observations."""
+    p = len(found.names)
+    agreement = Test(READINGS, float(by_problem.chi2), by_problem.dof)
+    scores = tuple(replace(one, shift=one.shift[:p]) for one in by_problem.scored.scores)
+    return replace(
+        found,
+        tests=(agreement, *by_problem.tests),
+        scored=by_problem.scored._replace(scores=scores),
+        notes=(*found.notes, *by_problem.notes),
+    )
 
 
 def _coefficients(

@@ -7,6 +7,7 @@ uncertainty holds fixture and turn-angle errors, local gravity and the clock.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from inercal.errors import NotObserved
 from inercal.estimate import Estimate, Gaussian, Problem, least_squares
 from inercal.methods import candidates
 from inercal.methods.curvature import Curvature, of_tilts
+from inercal.methods.hidden import hidden
 from inercal.methods.observed import not_observed, require_observed, require_separated
 from inercal.motion import Motion
 from inercal.observe import vector
@@ -67,7 +69,7 @@ def ml(
         raise not_observed(sensor, error.directions, missing) from None
     require_observed(estimate, sensor, missing)
     require_separated(sensor, done, missing, priors)
-    return estimate
+    return replace(estimate, tests=observations.tests, notes=hidden(estimate, sensor))
 
 
 def problem(

@@ -158,7 +158,11 @@ def calibrate(
         conditions["delay of the gyros"] = text
         note = f"the gyros' samples are {text} later than the accelerometers'"
         estimate = replace(estimate, notes=(note, *estimate.notes))
-    estimate = replace(estimate, notes=(*gathered.notes, *estimate.notes))
+    estimate = replace(
+        estimate,
+        notes=(*gathered.notes, *observations.notes, *estimate.notes),
+        tests=tuple(dict.fromkeys((*observations.tests, *estimate.tests))),
+    )
     if isinstance(bench, RateTable):
         estimate = replace(
             estimate, notes=(on_table.beside(sensor, estimate, bench, gathered), *estimate.notes)

@@ -34,6 +34,11 @@ from inercal.segments import (
 )
 from inercal.units import readable
 
+_BY_READINGS = (
+    "the positions were found by which axis reads gravity: swapped columns, or an axis named for "
+    "another, cannot be noticed; hold one known axis up and compare, or state the marks"
+)
+
 
 def gather(run: Run, bench: Hand) -> Gathered:
     """Return the observations of a run by hand.
@@ -112,7 +117,9 @@ def _planned_sections(
     check_marks(marks, recording, labels)
     holds = {step.label for step in steps if isinstance(step, Hold)}
     moving = still_but_accepted(run, recording, [mark for mark in marks if mark.label in holds])
-    observations = observe(recording, run.sensor, marks, steps, found=True)
+    observations = observe(recording, run.sensor, marks, steps, found=True, drifting=True)
+    if run.data.marks == "found" and not any(isinstance(step, Turn) for step in steps):
+        observations = replace(observations, notes=(*observations.notes, _BY_READINGS))
     findings = check_turn_ends(recording, run.sensor, marks, steps)
     return marks, observations, recording.findings + missing + moving + findings
 

@@ -2,11 +2,13 @@
 
 The noise of the resting sections is pooled: its density at zero frequency, by batch means, gives
 the covariance of every mean, that of the turns included (a turn's own scatter is motion, not
-noise). Bias instability and random walk, which show between sections, are not found but taken as
-the sensor's noise states them.
+noise). A correlation that is longer than a batch enlarges it, and a section that scatters by more
+or less than the others has a variance of its own (`inercal.segments.within`). Bias instability and
+random walk, which show between sections, are not found but taken as the sensor's noise states them.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +20,7 @@ from inercal.segments.attitudes import FLAWS
 from inercal.segments.drift import drift_covariance
 from inercal.segments.stillness import require_still
 from inercal.segments.tremor import without_tremor
+from inercal.segments.within import Within, drift_in_words, within
 from inercal.sensors import Sensor
 from inercal.uncertainty import BATCHES, pooled_mean_covariances
 
@@ -34,6 +37,7 @@ def observe(
     *,
     by_hand: bool = False,
     found: bool = False,
+    drifting: bool = False,
 ) -> Observations:
     """Return one row for each step that is marked, in the order of `steps`.
 
@@ -50,6 +54,10 @@ def observe(
     found : bool
         The sections were judged to be at rest already: they were found by how they scatter, or
         `require_still` has judged them.
+    drifting : bool
+        A drift linear in time that the sections' slopes show beyond their noise is part of
+        `drift`, about the middle of the rests: for plans that read each axis too seldom to show it
+        otherwise. Without a trial axis.
 
     Raises
     ------
@@ -60,10 +68,10 @@ def observe(
     used = [step for step in steps if step.label in by_label]
     columns = [recording.channels.index(name) for name in sensor.channels]
 
-    def section(step: Step) -> Array:
+    def section(step: Step, data: Array = recording.data) -> Array:
         # Made anew each time: all sections together may be as large as the recording.
         mark = by_label[step.label]
-        return sensor.to_si(recording.data[..., mark.start : mark.stop, columns])
+        return sensor.to_si(data[..., mark.start : mark.stop, columns])
 
     for step in used:
         mark = by_label[step.label]
@@ -89,22 +97,53 @@ def observe(
     ranges = [(by_label[step.label].start, by_label[step.label].stop) for step in used]
     durations = np.array([recording.span(*limits) for limits in ranges])
     middles = np.array([recording.time[start] for start, _ in ranges]) + 0.5 * durations
+    covariance = density[..., None, :, :] / samples[:, None, None]
+    at_rest = [used.index(step) for step in holds]
+    names = [step.label for step in holds]
+
+    def judged(of: Callable[[Step], Array]) -> tuple[Array, Within]:
+        """Return the factors on the deviations of all rows, (r, m), and what they come from."""
+        found = within(
+            sensor, lambda: map(of, holds), durations[at_rest], names, coarse, by_hand=by_hand
+        )
+        variance = found.factor(durations, durations[at_rest], batches)
+        variance[at_rest] *= found.scale
+        return np.sqrt(variance), found
+
+    tests, notes = (), ()
+    drift = drift_covariance(
+        [axis.noise for axis in sensor.axes],
+        middles - recording.time[0],
+        durations,
+        recording.duration,
+    )
+    if recording.data.ndim == 2:
+        factor, found_within = judged(section)
+        tests, notes = found_within.tests, found_within.notes
+        if drifting and found_within.trend.any():
+            since = middles - middles[at_rest].mean()
+            shared = np.outer(since, since)[..., None] * found_within.trend**2
+            drift = shared if drift is None else drift + shared
+            notes = (*notes, *drift_in_words(sensor, found_within.trend * recording.duration))
+    else:
+        trials: Array = np.reshape(recording.data, (-1, *recording.data.shape[-2:]))
+        parts = (trials[k] for k in range(len(trials)))
+        factor = np.stack([judged(partial(section, data=one))[0] for one in parts])
+        factor = factor.reshape(*recording.data.shape[:-2], *factor.shape[1:])
+    covariance = covariance * factor[..., :, None] * factor[..., None, :]
     return Observations(
         labels=tuple(step.label for step in used),
         mean=np.stack([section(step).mean(axis=-2) for step in used], axis=-2),
-        covariance=density[..., None, :, :] / samples[:, None, None] + np.diag(coarse),
+        covariance=covariance + np.diag(coarse),
         duration=durations,
         samples=samples,
         time=middles,
         channels=sensor.channels,
         dof=dof,
-        drift=drift_covariance(
-            [axis.noise for axis in sensor.axes],
-            middles - recording.time[0],
-            durations,
-            recording.duration,
-        ),
+        drift=drift,
         rounding=coarse,
+        tests=tests,
+        notes=notes,
     )
 
 

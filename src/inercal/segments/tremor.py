@@ -67,6 +67,26 @@ def without_tremor(density: Array, sensor: Sensor, sections: Iterable[Array]) ->
     return replaced
 
 
+def along_gravity(sensor: Sensor, sections: Iterable[Array]) -> list[Array]:
+    """Return the accelerometers' readings along the mean specific force of each section, (n,) each.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        Its accelerometers come first.
+    sections : iterable of (n, m) arrays
+        Rests, SI.
+    """
+    force = sensor.only("f")
+    a = len(force.axes)
+    back = inverse(Sensor(force.name, force.axes), np.eye(a), np.zeros(0)).f
+    series: list[Array] = []
+    for section in sections:
+        up = section[:, :a].mean(axis=0) @ back
+        series.append(section[:, :a] @ (back @ up) / float(np.linalg.norm(up)))
+    return series
+
+
 def _density(y: Array) -> float:
     """Return the density of (n,) samples at zero frequency, their mean apart."""
     hop = max(y.size // (_WINDOWS + 1), 2)

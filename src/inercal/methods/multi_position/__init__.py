@@ -9,7 +9,9 @@ the first input axis, y in the plane of the first two.
 
 Each kind of rows is judged by its own χ². Where it lies beyond its 95 % bound, the scatter that
 explains it is added to the noise; where it lies below its 1 % bound, the samples hold the hand's
-wobble, and only a share of their scatter is noise (`inercal.estimate.spread`).
+wobble, and only a share of their scatter is noise (`inercal.estimate.spread`). What the model
+leaves out is tested by the noise before anything is added
+(`inercal.methods.multi_position.suspects`).
 
 Sources: Skog and Händel, "Calibration of a MEMS inertial measurement unit", XVII IMEKO World
 Congress, 2006 (norms); Tedaldi, Pretto, Menegatti, ICRA 2014, 3042–3049 (rotations between rests).
@@ -29,7 +31,14 @@ from inercal.methods.multi_position.advice import advice, g_sensitivity
 from inercal.methods.multi_position.coverage import hand_held
 from inercal.methods.multi_position.missing import require_covered
 from inercal.methods.multi_position.rests import Rests
-from inercal.methods.multi_position.stages import accelerometers, gyros, together, with_shared_drift
+from inercal.methods.multi_position.stages import (
+    Stage,
+    accelerometers,
+    gyros,
+    scored_at,
+    together,
+    with_shared_drift,
+)
 from inercal.methods.observed import require_observed
 from inercal.plan import HandStep
 from inercal.recording import Observations
@@ -71,7 +80,7 @@ def joint(
     last = accelerometers(rests, priors)
     if rests.passages is not None:
         last = together(rests, gyros(rests, last, priors), priors)
-    return _finished(rests, last.estimate)
+    return _finished(rests, last, priors)
 
 
 def sequential(
@@ -89,7 +98,7 @@ def sequential(
     last = accelerometers(rests, priors)
     if rests.passages is not None:
         last = gyros(rests, last, priors)
-    return _finished(rests, last.estimate)
+    return _finished(rests, last, priors)
 
 
 def _rests(
@@ -104,10 +113,16 @@ def _rests(
     return rests
 
 
-def _finished(rests: Rests, estimate: Estimate) -> Estimate:
+def _finished(rests: Rests, last: Stage, priors: Sequence[Gaussian]) -> Estimate:
+    estimate = last.estimate
     require_observed(estimate, rests.sensor, missing=())
     notes = (*g_sensitivity(rests, estimate), *advice(rests, estimate))
-    return replace(with_shared_drift(rests, estimate), notes=notes)
+    return replace(
+        with_shared_drift(rests, estimate),
+        notes=notes,
+        tests=rests.observations.tests,
+        scored=scored_at(rests, last, priors),
+    )
 
 
 METHOD = Method(

@@ -8,6 +8,9 @@
        cov c_g = P + K P_a Kᵀ,   cov(c_g, c_a) = −K P_a,   K = P J_gᵀ J_a   (whitened)
 
 3. `together`: all rows at once, with the scatter found before, started from there.
+
+`scored_at` tests what the fits leave out by the noise before any scatter is added, which would hide
+it: at the solution by that noise, close to the last stage's.
 """
 
 from collections.abc import Sequence
@@ -16,10 +19,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.estimate import Estimate, Gaussian, Group, Problem, least_squares
+from inercal.estimate import (
+    Candidate,
+    Estimate,
+    Gaussian,
+    Group,
+    Problem,
+    Scored,
+    least_squares,
+)
 from inercal.methods.multi_position.chain import NORM, RATES, noise, whitener
 from inercal.methods.multi_position.rests import Rests, Rows, Scatter
 from inercal.methods.multi_position.scatter import of_norms, of_rates, of_rotations
+from inercal.methods.multi_position.suspects import candidates
 from inercal.sensors import G0
 
 Array = NDArray[np.float64]
@@ -128,6 +140,17 @@ def together(rests: Rests, last: Stage, priors: Sequence[Gaussian]) -> Stage:
     return _stage(estimate, x, last.scatter, groups)
 
 
+def scored_at(rests: Rests, last: Stage, priors: Sequence[Gaussian]) -> Scored:
+    """Return the score tests of what is not estimated, by the noise without what was added to it.
+
+    Of all rows; the accelerometers' too, where the gyros were fitted after them.
+    """
+    free = _free(rests, np.arange(len(rests.sensor.coefficients)), beside=len(BESIDE))
+    if rests.passages is None:
+        free = free[free <= len(rests.sensor.coefficients)]
+    return _fit(rests, free, last.x, last.scatter.shares, priors, most=_FEW, tested=True).scored
+
+
 def _free(rests: Rests, coefficients: Places, beside: int) -> Places:
     """Return the places in x that are fitted: coefficients, and what else is not exact."""
     p = len(rests.sensor.coefficients)
@@ -150,8 +173,12 @@ def _fit(
     *,
     norms: bool = True,
     most: int = 200,
+    tested: bool = False,
 ) -> Estimate:
-    """Return the least squares of some places of x, the others as they are."""
+    """Return the least squares of some places of x, the others as they are.
+
+    `tested` has the score tests of what is left out.
+    """
     names: tuple[str, ...] = (*rests.sensor.coefficients, *BESIDE)
     started = rests.rows(x)
     whiten = whitener(rests, started, scatter, norms=norms)
@@ -162,6 +189,12 @@ def _fit(
         rows = rests.rows(moved, started.attitude)
         both = whiten(np.column_stack([rows.residual, rows.jacobian[:, free]]))
         return both[:, 0], both[:, 1:]
+
+    def left_out(part: Array) -> list[Candidate]:
+        moved = x.copy()
+        moved[free] = part
+        found = candidates(rests, rests.rows(moved, started.attitude), moved)
+        return [replace(one, rows=whiten(one.rows)) for one in found]
 
     places: list[int] = free.tolist()
     chosen = tuple(names[k] for k in places)
@@ -181,6 +214,7 @@ def _fit(
             priors=tuple(known),
             wanted=tuple(name for name in chosen if name not in BESIDE),
             rounding=_ROUNDING,
+            candidates=left_out if tested else None,
         ),
         max_iterations=most,
     )

@@ -1,0 +1,409 @@
+"""Tests of sections against themselves: changes, correlated noise, and a trend that all share.
+
+A section of T seconds is cut into batches of equal length, and the batch means y into Haar
+contrasts: the first half against the second (level 1), each half's halves (level 2), and so on.
+With blocks of h = T/2^l seconds on either side and n_h samples in each::
+
+    z = √(n_h/2) (ȳ_left − ȳ_right)
+
+White noise gives z the same variance on all levels. Noise that adds a first-order Gauss–Markov
+process of correlation time τ gives, with a = 1 − exp(−h/τ)::
+
+    var z = w (1 + ρ (1 − (τ/h) a − (τ/2h) a²))
+
+and the mean of the section the density w (1 + ρ (1 − (τ/T)(1 − exp(−T/τ)))), over the number of
+samples. ρ and τ are common to all sections, w is each section's own; they maximise the likelihood,
+and are kept where twice its logarithm rises by more than the 99 % bound, whichever section is left
+out: one disturbed section is no correlation. τ is at most T/2: what is slower shows between
+sections.
+
+* Change within a section: the contrast of its halves, and those of the halves' halves, against the
+  section's own scatter on the finer levels (F), by the correlation that the other sections show.
+* Trend common to all sections: the mean of their slopes against the scatter of the slopes and of
+  the contrasts of levels 2 and 3.
+* Scatter of each section: its variance on the finer levels, drawn to that of all (empirical Bayes)
+  as far as sections of one variance would scatter.
+
+Sources: Percival and Walden, Wavelet Methods for Time Series Analysis, Cambridge 2000, chapter 8
+(Haar variance of a process); Smyth 2004, Statistical Applications in Genetics 3, article 3,
+section 6.2 (moderated variances).
+"""
+
+# SciPy has no stubs.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, cast
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+from scipy.special import chdtri, digamma, fdtrc, polygamma
+
+from inercal.estimate.scores import Test
+
+Array = NDArray[np.float64]
+
+_BATCHES, _FEW_BATCHES, _FEW_SAMPLES = 16, 8, 64
+_COARSE = 2  # levels that show a change; the finer ones show the noise
+_OF_SLOPES = 3  # levels whose scatter is nearly that of slopes
+_LEVEL = 0.01  # of the likelihood ratio for a correlation
+_RATIOS = np.concatenate([[0.0], np.geomspace(0.1, 3e3, 28)])  # ρ
+_TIMES = 14  # of τ
+_LEAST = 1e-6  # of the mean variance: sections that are exactly constant
+_SURE = 1e9  # degrees of freedom of a prior that all sections fit
+_RAREST = 1e-290
+
+
+def _blocks(seconds: float, levels: int) -> Array:
+    """Return the length of the blocks of levels 1, 2, …, (levels,) s."""
+    return np.array([seconds / 2**place for place in range(1, levels + 1)])
+
+
+class Contrasts(NamedTuple):
+    """Haar contrasts and the slope of one section of m channels, with the variance of a sample."""
+
+    seconds: float
+    samples: int
+    levels: tuple[Array, ...]  # (2^(l − 1), m) each
+    slope: Array  # (m,)
+    reach: float  # of `slope`, for a trend of one per second
+
+
+@dataclass(frozen=True, eq=False)
+class Correlation:
+    """A Gauss–Markov process within the noise: ρ times its white part in density, and τ, s."""
+
+    ratio: float = 0.0
+    seconds: float = 1.0
+
+    def of_contrasts(self, seconds: Array) -> Array:
+        """Return the variance of contrasts of blocks of h seconds over that of the white part."""
+        return _of_contrasts(np.array(self.ratio), np.array(self.seconds), seconds)
+
+    def of_means(self, seconds: Array) -> Array:
+        """Return the variance of means over T seconds over that of the white part."""
+        x = self.seconds / seconds
+        return np.asarray(1 + self.ratio * (1 + x * np.expm1(-1 / x)))
+
+    def of_batches(self, seconds: Array, batches: int) -> Array:
+        """Return the scatter of a number of batch means in T seconds, over that of white noise."""
+        own, whole = self.of_means(seconds / batches), self.of_means(seconds)
+        return np.asarray((own - whole / batches) * batches / (batches - 1))
+
+
+def _of_contrasts(ratio: Array, tau: Array, h: Array) -> Array:
+    x = tau / h
+    a = -np.expm1(-1 / x)
+    return np.asarray(1 + ratio * (1 - x * a - 0.5 * x * a**2), dtype=np.float64)
+
+
+WHITE = Correlation()
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """What sections say of themselves.
+
+    Parameters
+    ----------
+    correlation : Correlation
+        `WHITE` where none is significant.
+    scale : (r,) array
+        Variance of each section's noise over that of all.
+    trend, trend_sd : (m,) arrays
+        Per second, of the mean slope; NaN of fewer than three sections.
+    tests : tuple of Test
+        Of a change within a section and of a common trend; each names the worst section or channel.
+    """
+
+    correlation: Correlation
+    scale: Array
+    trend: Array
+    trend_sd: Array
+    tests: tuple[Test, ...]
+
+    @property
+    def trend_found(self) -> Array:
+        """Standard deviation of the channels' trends beyond what noise makes of slopes, per second.
+
+        Of all channels together, in units of what noise makes of each, by moments: zero where their
+        mean square is below its expectation.
+        """
+        known = (self.trend_sd > 0) & np.isfinite(self.trend_sd)
+        if not known.any():
+            return np.zeros(len(self.trend))
+        beyond = float(np.mean((self.trend[known] / self.trend_sd[known]) ** 2)) - 1
+        return np.where(known, self.trend_sd, 0.0) * np.sqrt(max(beyond, 0.0))
+
+
+def contrasts(section: Array, seconds: float) -> Contrasts:
+    """Return the contrasts of the (n, m) samples of a section; n is 8 or more."""
+    n = len(section)
+    count = _BATCHES if n >= _FEW_SAMPLES else _FEW_BATCHES
+    edges = np.arange(count) * n // count
+    means = np.add.reduceat(section, edges, axis=0) / np.diff(edges, append=n)[:, None]
+    size = np.sqrt(n / count)
+    place = np.arange(count) - (count - 1) / 2
+    length = float(np.linalg.norm(place))
+    levels: list[Array] = []
+    blocks = means
+    while len(blocks) > 1:
+        width = count // len(blocks)
+        levels.append((blocks[::2] - blocks[1::2]) * np.sqrt(width / 2) * size)
+        blocks = 0.5 * (blocks[::2] + blocks[1::2])
+    return Contrasts(
+        seconds,
+        n,
+        tuple(reversed(levels)),
+        place @ means / length * size,
+        length * seconds / count * size,
+    )
+
+
+def judge(
+    sections: Sequence[Contrasts],
+    labels: Sequence[str],
+    names: Sequence[str],
+    rounding: Array | None = None,
+    *,
+    coloured: bool = False,
+) -> Judged:
+    """Judge sections of channels of one kind, whose noise has one shape.
+
+    Parameters
+    ----------
+    sections : sequence of r Contrasts
+        Of m channels.
+    labels : sequence of r str
+        Of the sections.
+    names : sequence of m str
+        Of the channels.
+    rounding : (m,) array, optional
+        Variance that coarse steps add to each mean.
+    coloured : bool
+        The noise is known to have a slow part of any spectrum, such as flicker: each contrast and
+        slope is tested against those of its own length alone.
+    """
+    r = len(sections)
+    size = _sizes(sections)
+    used = np.flatnonzero(size > 0)
+    if not used.size or not r:
+        return Judged(
+            WHITE, np.ones(r), np.full(len(names), np.nan), np.full(len(names), np.nan), ()
+        )
+    fitted, others = _correlations([_powers(one, size, used) for one in sections], sections)
+    scales = {
+        id(found): _scales([_fine(one, size, used, found) for one in sections])
+        for found in (fitted, *others)
+    }
+    changes = [
+        _Change(label, found, float(scales[id(found)][0][k]), float(scales[id(found)][1][k]))
+        for k, (label, found) in enumerate(zip(labels, others, strict=True))
+    ]
+    trend, sd, common = _trend(sections, names, size, used, None if coloured else fitted)
+    if coloured:
+        change = _change_among(sections, labels, names, size, used)
+    else:
+        change = _change(sections, changes, names, size, used, rounding)
+    scale = scales[id(fitted)][0]
+    return Judged(fitted, scale / scale.mean(), trend, sd, (change, *common))
+
+
+class _Change(NamedTuple):
+    """By what a section is judged: the others' correlation, its own white part, and its freedom."""
+
+    label: str
+    correlation: Correlation
+    white: float  # over all sections' scale
+    freedom: float
+
+
+def _sizes(sections: Sequence[Contrasts]) -> Array:
+    """Return the rms contrast of each channel, (m,)."""
+    every: Array = np.concatenate([level for one in sections for level in one.levels])
+    return np.asarray(np.sqrt(np.mean(every**2, axis=0)), dtype=np.float64)
+
+
+def _powers(one: Contrasts, size: Array, used: NDArray[np.intp]) -> Array:
+    """Return the mean square of each level's contrasts over all channels, (levels,)."""
+    return np.array([float(np.mean((level[:, used] / size[used]) ** 2)) for level in one.levels])
+
+
+def _correlations(
+    powers: Sequence[Array], sections: Sequence[Contrasts]
+) -> tuple[Correlation, tuple[Correlation, ...]]:
+    """Return the correlation of all sections, and that of all but each."""
+    longest = max(one.seconds for one in sections)
+    shortest = min(one.seconds / 2 ** len(one.levels) for one in sections)
+    times: Array = np.geomspace(shortest / 4, longest / 2, _TIMES, dtype=np.float64)
+    grid = [Correlation(float(ratio), float(time)) for time in times for ratio in _RATIOS[1:]]
+    channels = max(sections[0].levels[0].shape[1], 1)
+    every = [WHITE, *grid]
+    ratio, tau = (
+        np.array(part)[:, None] for part in zip(*((c.ratio, c.seconds) for c in every), strict=True)
+    )
+    deviance = np.empty((len(sections), len(every)))
+    for k, (power, one) in enumerate(zip(powers, sections, strict=True)):
+        dof = channels * np.array([len(level) for level in one.levels], dtype=np.float64)
+        shape = _of_contrasts(ratio, tau, _blocks(one.seconds, len(one.levels)))
+        own = (power / shape) @ dof / dof.sum()
+        deviance[k] = np.log(shape) @ dof + dof.sum() * np.log(np.maximum(own, _LEAST))
+    without = deviance.sum(axis=0) - deviance
+    rise = without[:, 0] - without.min(axis=1)
+    bound = float(chdtri(2, _LEVEL))
+    others = tuple(
+        every[int(np.argmin(row))] if up > bound else WHITE
+        for row, up in zip(without, rise, strict=True)
+    )
+    if len(sections) < 2:
+        return WHITE, (WHITE,) * len(sections)
+    whole = every[int(np.argmin(deviance.sum(axis=0)))] if rise.min() > bound else WHITE
+    return whole, others
+
+
+def _fine(
+    one: Contrasts, size: Array, used: NDArray[np.intp], correlation: Correlation
+) -> tuple[float, int]:
+    """Return the variance of the fine levels over all sections' scale, and its freedom."""
+    total, dof = 0.0, 0
+    for place, level in enumerate(one.levels, 1):
+        if place <= _COARSE:
+            continue
+        shape = float(correlation.of_contrasts(np.array(one.seconds / 2**place)))
+        total += float(np.sum((level[:, used] / size[used]) ** 2)) / shape
+        dof += level[:, used].size
+    return max(total / max(dof, 1), _LEAST), dof
+
+
+def _log_variance(freedom: Array) -> Array:
+    """Return the variance of the logarithm of a variance of some degrees of freedom: trigamma."""
+    return np.array([float(cast("float", polygamma(1, half))) for half in (freedom / 2).tolist()])
+
+
+def _log_bias(freedom: Array) -> Array:
+    """Return the mean of the logarithm of a variance over its expectation."""
+    half: Array = freedom / 2
+    return np.array([float(cast("float", digamma(h))) for h in half.tolist()]) - np.log(half)
+
+
+def _scales(fine: Sequence[tuple[float, int]]) -> tuple[Array, Array]:
+    """Return moderated variances, (r,), and the degrees of freedom behind each."""
+    own = np.array([variance for variance, _ in fine])
+    dof = np.array([count for _, count in fine], dtype=np.float64)
+    if len(own) < 3:
+        return own, dof
+    log, expected = np.log(own) - _log_bias(dof), _log_variance(dof)
+    weight = 1 / expected
+    middle = float(weight @ log / weight.sum())
+    spread = float(np.sum((log - middle) ** 2) / (len(own) - 1) - expected.mean())
+    prior, level = _SURE, float(dof @ own / dof.sum())
+    if spread > 0:
+        prior = 2 * _inverse_trigamma(spread)
+        level = float(np.exp(middle + _log_bias(np.array([prior]))[0]))
+    return (prior * level + dof * own) / (prior + dof), prior + dof
+
+
+def _inverse_trigamma(y: float) -> float:
+    def off(log: float) -> float:
+        return float(np.log(_log_variance(np.array([2 * np.exp(log)]))[0] / y))
+
+    low, high = -8.0, 18.0
+    if off(high) > 0:
+        return float(np.exp(high))
+    if off(low) < 0:
+        return float(np.exp(low))
+    return float(np.exp(cast("float", brentq(off, low, high, xtol=1e-6))))
+
+
+def _change(
+    sections: Sequence[Contrasts],
+    judged: Sequence[_Change],
+    names: Sequence[str],
+    size: Array,
+    used: NDArray[np.intp],
+    rounding: Array | None,
+) -> Test:
+    """Return the test of the section and channel that change most within a section."""
+    steps = np.zeros(len(names)) if rounding is None else rounding
+    found: list[tuple[float, str]] = []
+    for one, by in zip(sections, judged, strict=True):
+        coarse = one.levels[:_COARSE]
+        shape = by.correlation.of_contrasts(_blocks(one.seconds, len(coarse))).tolist()
+        for k in used.tolist():
+            # Both blocks have one rounding error each.
+            of_steps = 0.5 * one.samples * float(steps[k]) / float(size[k]) ** 2
+            for level, part in zip(coarse, shape, strict=True):
+                square = float(np.mean((level[:, k] / size[k]) ** 2)) / (by.white * part + of_steps)
+                p = float(fdtrc(len(level), by.freedom, square))
+                found.append((p, f"change within {by.label} ({names[k]})"))
+    least, worst = min(found)
+    return _as_test(worst, len(found) * least)
+
+
+def _change_among(
+    sections: Sequence[Contrasts],
+    labels: Sequence[str],
+    names: Sequence[str],
+    size: Array,
+    used: NDArray[np.intp],
+) -> Test:
+    """Return the same test against the contrasts of the same level in the other sections."""
+    found: list[tuple[float, str]] = []
+    for place in range(_COARSE):
+        squares = np.stack(
+            [(one.levels[place] / np.where(size > 0, size, 1.0)) ** 2 for one in sections]
+        )
+        squares = squares[..., used]
+        count, others = squares.shape[1], squares[0].size * (len(sections) - 1)
+        for k, label in enumerate(labels):
+            rest = float(squares.sum() - squares[k].sum())
+            for a, channel in enumerate(used.tolist()):
+                ratio = float(squares[k, :, a].mean()) / max(rest / max(others, 1), _LEAST)
+                p = float(fdtrc(count, others, ratio)) if others else 1.0
+                found.append((p, f"change within {label} ({names[channel]})"))
+    least, worst = min(found)
+    return _as_test(worst, len(found) * least)
+
+
+def _trend(
+    sections: Sequence[Contrasts],
+    names: Sequence[str],
+    size: Array,
+    used: NDArray[np.intp],
+    correlation: Correlation | None,
+) -> tuple[Array, Array, tuple[Test, ...]]:
+    """Return the mean trend and its standard deviation, (m,) per second, and its test."""
+    m, r = len(names), len(sections)
+    if r < 3:
+        return np.full(m, np.nan), np.full(m, np.nan), ()
+    reach = np.array([one.reach for one in sections])
+    slope = np.stack([one.slope for one in sections])
+    square = float(reach @ reach)
+    mean = reach @ slope / square
+    unit = np.where(size > 0, size, 1.0)
+    # The channels' slopes scatter alike in units of their noise, and as contrasts of halves do.
+    left = ((slope - reach[:, None] * mean) / unit)[:, used]
+    total, dof = float(np.sum(left**2)), left.size - used.size
+    for one in sections if correlation is not None else ():
+        assert correlation is not None
+        halves = float(correlation.of_contrasts(np.array(one.seconds / 2)))
+        for place, level in enumerate(one.levels[1:_OF_SLOPES], 2):
+            shape = float(correlation.of_contrasts(np.array(one.seconds / 2**place))) / halves
+            total += float(np.sum((level[:, used] / size[used]) ** 2)) / shape
+            dof += level[:, used].size
+    sd = np.sqrt(total / dof / square) * size
+    if not total > 0:
+        return mean, sd, ()
+    square_t = np.zeros(m)
+    square_t[used] = (mean[used] / sd[used]) ** 2
+    p = float(fdtrc(used.size, dof, square_t.sum() / used.size))
+    name = f"drift common to all sections ({names[int(square_t.argmax())]})"
+    return mean, sd, (_as_test(name, p),)
+
+
+def _as_test(name: str, p: float) -> Test:
+    """Return a test of one degree of freedom with this p-value."""
+    p = min(max(p, _RAREST), 1.0)
+    return Test(name, float(chdtri(1, p)), 1)

@@ -1,0 +1,175 @@
+"""What the fits of multi_position leave out or take as known: candidates of its score tests.
+
+A candidate adds something to the readings. What it adds at the rests enters the rows as their noise
+does (`chain.entering`); what it adds to the gyros on the way turns the passages, whose rotations
+are integrated once more with it, for a small step of the candidate::
+
+    column = (ρ(ω + δ basis) − ρ(ω)) / δ
+
+The candidates are coefficients of the sensor that were not asked for, a drift of the biases over
+the run, and single rests, whose readings may be anything. The accelerometers' misalignments beside
+those that are estimated turn the frame alone, gravity changes the accelerometers' scale alone and
+the recording's clock the gyros' scale alone: no residual shows them, and they are none.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.estimate import Candidate
+from inercal.methods.candidates import LARGEST
+from inercal.methods.multi_position.chain import entering, placed
+from inercal.methods.multi_position.rests import Rests, Rows
+from inercal.methods.multi_position.rotations import affine, carried, rotations
+from inercal.motion import Motion
+from inercal.sensors import SI_UNITS, Sensor
+
+Array = NDArray[np.float64]
+
+_WORDS = {"f": ("nonlinearity", "asymmetry", "cross"), "w": ("nonlinearity", "asymmetry", "g")}
+_NAMES = {"f": "accelerometers", "w": "gyros"}
+_UNITS = {"f": "m/s²", "w": "rad/s"}
+_STEP = 1e-4  # rad that a candidate turns in all passages at most
+_LEAST = 1e-12  # SI per SI unit; less is rounding
+
+
+def candidates(rests: Rests, rows: Rows, x: Array) -> list[Candidate]:
+    """Return the candidates with the derivatives of all rows, not whitened.
+
+    Parameters
+    ----------
+    rests : Rests
+    rows : Rows
+        At x, with the attitudes that the fit holds.
+    x : (p + 5,) array
+        All coefficients and what is known beside them.
+    """
+    enter = entering(rests, rows)
+    return [
+        *_of_coefficients(rests, rows, x, enter),
+        *_of_drift(rests, rows, x, enter),
+        *_of_rests(rests, enter),
+    ]
+
+
+def _larger(sensor: Sensor) -> Sensor:
+    words = [word for kind in {a.measures for a in sensor.axes} for word in _WORDS[kind]]
+    return sensor.with_coefficients(*sorted(set(words)))
+
+
+def _of_coefficients(rests: Rests, rows: Rows, x: Array, enter: Array) -> Iterator[Candidate]:
+    """Return the coefficients that are not estimated: those of a kind together, and each alone."""
+    sensor, larger = rests.sensor, _larger(rests.sensor)
+    at_rest = Motion(rows.norm.felt, np.zeros_like(rows.norm.felt))
+    columns: dict[str, Array] = {}
+    kinds: dict[tuple[str, str], list[str]] = {}
+    turned = _turning(rests, rows, x)
+    for full in larger.coefficients:
+        name, _, short = full.partition(".")
+        axis = next(k for k, one in enumerate(sensor.axes) if one.name == name)
+        measures = sensor.axes[axis].measures
+        family = next((word for word in _WORDS[measures] if _of(word, larger, full)), None)
+        if full in sensor.coefficients or family is None:
+            continue
+        alone = replace(sensor, axes=(sensor.axes[axis],), coefficients=(full,))
+
+        def basis(motion: Motion, alone: Sensor = alone) -> Array:
+            return alone.design(motion, np.zeros(1))[:, 0, 0]
+
+        column = _added(rests, enter, axis, basis(at_rest))
+        if measures == "w":
+            column += turned(axis, basis)
+        if np.max(np.abs(column)) > _LEAST:
+            columns[full] = column
+            kinds.setdefault((measures, short), []).append(full)
+    for (_, short), members in kinds.items():
+        together = [(short, tuple(members))] if len(members) > 1 else []
+        for name, chosen in (*together, *((full, (full,)) for full in members)):
+            units = tuple(SI_UNITS[larger.coefficient(full).unit] for full in chosen)
+            rows_of = np.stack([columns[full] for full in chosen], axis=-1)
+            largest = LARGEST * np.array([larger.coefficient(full).natural for full in chosen])
+            yield Candidate(name, "coefficient", chosen, units, rows_of, largest=largest)
+
+
+def _of(word: str, sensor: Sensor, full: str) -> bool:
+    return sensor.coefficient(full).group == word
+
+
+def _added(rests: Rests, enter: Array, axis: int, size: Array) -> Array:
+    """Return the column of what is added to one axis' mean readings, (r,)."""
+    return placed(rests, enter[:, :, [axis]] * size[:, None, None])[:, 0]
+
+
+def _turning(
+    rests: Rests, rows: Rows, x: Array
+) -> Callable[[int, Callable[[Motion], Array]], Array]:
+    """Return a function of an axis and of what is added to its samples, by their motion.
+
+    It gives the column of what that does to the rotations.
+    """
+    nothing = np.zeros(len(rows.residual))
+    way, turns = rests.passages, rows.turns
+    if way is None or turns is None or rows.way is None or rows.attitude is None:
+        return lambda axis, basis: nothing
+    sensor, p = rests.sensor, len(rests.sensor.coefficients)
+    model = affine(sensor, x[:p])
+    both = way.output @ model.back.T + model.zero
+    motion = Motion(both[:, :3], both[:, 3:])
+    seconds = float(np.median(way.duration))
+    r, k = len(rows.norm.residual), len(way.rest)
+    earth = rows.attitude[way.rest + 1] * way.duration[:, None, None]
+    clock = x[-1]
+
+    def column(axis: int, basis: Callable[[Motion], Array]) -> Array:
+        size = basis(motion)
+        step = _STEP / max(float(np.abs(size).max()) * seconds, 1e-300)
+        output = way.output.copy()
+        output[:, axis] += sensor.axes[axis].readout.scale * step * size
+        there = carried(replace(way, output=output), sensor, x[:p], rests.white, clock)
+        moved = rotations(way.rest, there, rows.norm.felt, rests.across, earth @ x[p + 1 : p + 4])
+        found = nothing.copy()
+        found[r : r + 2 * k] = ((moved.residual - turns.residual) / step).ravel()
+        return found
+
+    return column
+
+
+def _of_drift(rests: Rests, rows: Rows, x: Array, enter: Array) -> Iterator[Candidate]:
+    """Return a drift of the biases, linear in time from the first rest to the last."""
+    time, way = rests.observations.time, rests.passages
+    span, middle = float(np.ptp(time)), float(time.mean())
+    if len(time) < 3 or not span > 0:
+        return
+    turned = _turning(rests, rows, x)
+    shape = (time - middle) / span
+    columns: dict[str, list[tuple[str, Array]]] = {}
+    for k, axis in enumerate(rests.sensor.axes):
+        column = _added(rests, enter, k, shape)
+        if way is not None and axis.measures == "w":
+            of_samples = (way.time - middle) / span
+            column += turned(k, lambda motion, of_samples=of_samples: of_samples)
+        columns.setdefault(axis.measures, []).append((f"drift of {axis.name}", column))
+    for kind, members in columns.items():
+        together = [(f"drift of {_NAMES[kind]}", members)] if len(members) > 1 else []
+        for name, chosen in (*together, *((one[0], [one]) for one in members)):
+            yield Candidate(
+                name,
+                "time",
+                tuple(full for full, _ in chosen),
+                (_UNITS[kind],) * len(chosen),
+                np.stack([column for _, column in chosen], axis=-1),
+            )
+
+
+def _of_rests(rests: Rests, enter: Array) -> Iterator[Candidate]:
+    """Return each rest by itself, with its time."""
+    sensor, seen = rests.sensor, rests.observations
+    axes = [k for k, one in enumerate(sensor.axes) if one.measures == "f" or rests.passages]
+    units = tuple(_UNITS[sensor.axes[k].measures] for k in axes)
+    for k, (label, time) in enumerate(zip(seen.labels, seen.time.tolist(), strict=True)):
+        own = np.zeros((len(enter), enter.shape[1], len(axes)))
+        own[k] = enter[k][:, axes]
+        names = tuple(f"{sensor.axes[a].name}[{label}]" for a in axes)
+        yield Candidate(f"{label} at {time:.4g} s", "row", names, units, placed(rests, own))
