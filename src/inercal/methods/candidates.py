@@ -202,7 +202,7 @@ def of_priors(sensor: Sensor, told: Sequence[str], column: Mapping[str, Array]) 
             tuple(f"prior of {full}" for full in members),
             tuple(SI_UNITS[sensor.coefficient(full).unit] for full in members),
             np.stack([column[full] for full in members], axis=-1),
-            largest=_LARGEST * np.array([sensor.coefficient(full).natural for full in members]),
+            largest=LARGEST * np.array([sensor.coefficient(full).natural for full in members]),
         )
         for name, members in (*together, *alone)
     ]
