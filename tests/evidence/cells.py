@@ -1,0 +1,183 @@
+"""Cells of the table: a case, a violation of some size, and devices; what inercal said is counted."""
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
+from zlib import crc32
+
+import numpy as np
+from tests.evidence import through
+from tests.evidence.cases import arm, hand, head, table
+from tests.evidence.model import Case, Violation, Visibility, angle
+
+CASES: Mapping[str, Callable[[], Case]] = {
+    "six_position": hand.six_position,
+    "ferraris": hand.ferraris,
+    "centrifuge_norm": arm.centrifuge_norm,
+    "dual_orthogonal": head.dual_orthogonal,
+    "tumble": head.tumble,
+    "ship_planar": table.ship_planar,
+    "ship_multi_angle": table.ship_multi_angle,
+}
+FIVE_U, ETA_SIX, AS_IT_IS, BASE = "5 u", "η = 6", "as it is", "base"
+VISIBLE = 6.0  # η from which a violation must be said
+APART = 30.0  # ° from which two causes can be told apart
+DEVICES, BASE_SEEDS, BASE_DEVICES = 40, (1, 2, 3), 300
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One cell.
+
+    Parameters
+    ----------
+    case, violation : str
+        Names; no violation is the base.
+    at : str
+        How the size was chosen.
+    size : float
+        In the violation's unit.
+    eta : float
+        At that size, computed apart from inercal.
+    apart : float
+        Angle to the nearest other violation of the case, °.
+    seed, devices : int
+    """
+
+    case: str
+    violation: str
+    at: str
+    size: float
+    eta: float
+    apart: float
+    seed: int
+    devices: int
+
+    @property
+    def visible(self) -> bool:
+        return self.eta >= VISIBLE * (1 - 1e-9)
+
+
+@dataclass(frozen=True)
+class Count:
+    """How many devices of a cell were graded how, and in how many the true cause was named.
+
+    Parameters
+    ----------
+    consistent, reservations, unreliable, refused : int
+    first, group : int
+        The true cause is the suspect; it is among the group that is named.
+    nees : float
+        Mean over devices that gave a result; NaN without.
+    """
+
+    consistent: int = 0
+    reservations: int = 0
+    unreliable: int = 0
+    refused: int = 0
+    first: int = 0
+    group: int = 0
+    nees: float = math.nan
+
+    @property
+    def devices(self) -> int:
+        return self.consistent + self.reservations + self.unreliable + self.refused
+
+    @property
+    def noticed(self) -> int:
+        return self.devices - self.consistent
+
+    def __add__(self, other: "Count") -> "Count":
+        sums = {name: a + getattr(other, name) for name, a in asdict(self).items()}
+        one, two = self.devices - self.refused, other.devices - other.refused
+        parts = [n * c.nees for n, c in ((one, self), (two, other)) if n]
+        return Count(**(sums | {"nees": sum(parts) / (one + two) if parts else math.nan}))
+
+
+@lru_cache(maxsize=None)
+def case(name: str) -> Case:
+    return CASES[name]()
+
+
+@lru_cache(maxsize=None)
+def visibilities(name: str) -> dict[str, tuple[Violation, Visibility]]:
+    """Return the violations of a case that have a size, by name, with what one unit does."""
+    return {violation.name: (violation, seen) for violation, seen in case(name).sized()}
+
+
+def nearest(name: str, violation: str) -> float:
+    """Return the angle to the nearest other cause among the case's violations, °."""
+    own, seen = visibilities(name)[violation]
+    rivals = [
+        angle(seen, other)
+        for key, (one, other) in visibilities(name).items()
+        if key != violation and not set(one.suspects) & set(own.suspects)
+    ]
+    return min(rivals, default=90.0)
+
+
+def cells_of(name: str, seed: int = 1, devices: int = DEVICES) -> Iterator[Cell]:
+    """Yield the cells of a case but for its base.
+
+    A size beyond what needs a test to be noticed is left out, as is one at which nothing shifts.
+    """
+    for violation in case(name).violations:
+        if violation.gross is not None:
+            eta = case(name).eta_of_gross(violation)
+            yield Cell(name, violation.name, AS_IT_IS, math.nan, eta, 90.0, seed, devices)
+            continue
+        seen = visibilities(name)[violation.name][1]
+        apart = nearest(name, violation.name)
+        for at, size in ((FIVE_U, seen.at_five), (ETA_SIX, seen.at_six)):
+            if size <= violation.most:
+                yield Cell(name, violation.name, at, size, seen.eta * size, apart, seed, devices)
+
+
+def bases_of(name: str, devices: int = BASE_DEVICES) -> Iterator[Cell]:
+    """Yield the base of a case with each of its seeds."""
+    for seed in BASE_SEEDS:
+        yield Cell(name, "", BASE, 0.0, 0.0, 90.0, seed, devices)
+
+
+def split(cell: Cell, most: int = 10) -> list[tuple[Cell, range]]:
+    """Return parts of a cell that can be worked on side by side."""
+    starts = range(0, cell.devices, most)
+    return [(cell, range(k, min(k + most, cell.devices))) for k in starts]
+
+
+def count(part: tuple[Cell, range]) -> Count:
+    """Return what inercal said of some devices of a cell."""
+    cell, devices = part
+    whole = Count()
+    for k in devices:
+        answer = answer_of(cell, k)
+        own = next((v for v in case(cell.case).violations if v.name == cell.violation), None)
+        suspects = own.suspects if own else ()
+        one = Count(nees=answer.nees)
+        one = replace(
+            one,
+            **{answer.grade: 1},
+            first=int(answer.first in suspects),
+            group=int(bool(set(answer.group) & set(suspects))),
+        )
+        whole = whole + one
+    return whole
+
+
+def answer_of(cell: Cell, k: int) -> through.Answer:
+    """Return what inercal said of one device of a cell."""
+    here = case(cell.case)
+    rng = np.random.default_rng([cell.seed, k, crc32(f"{cell.case} {cell.violation}".encode())])
+    values = here.draw(rng)
+    truth = {name: values[name] for name in here.coefficients}
+    gross = None
+    for violation in here.violations:
+        if violation.name != cell.violation:
+            continue
+        if violation.gross is not None:
+            gross = violation
+        for name, per_unit in violation.change.items():
+            change = cell.size * violation.si * per_unit
+            values[name] = values.get(name, 0.0) + change
+    return through.ask(here.files(values, rng, gross), truth)

@@ -1,0 +1,244 @@
+"""Calibrations as arrays, to say how visible a violation is: nothing of inercal is imported.
+
+A calibration reads y = h(x) + noise. Unknown x are the coefficients that are estimated, errors of
+the bench within a stated standard deviation, and whatever is open altogether. With rows over their
+noise, and a row x/sd for each that has a stated deviation, J are the derivatives by x. A violation
+of size s adds c s to the readings, of which the estimator takes up a part and leaves another::
+
+    shift of x = J⁺ c s        η = |(I − J J⁺) c s|
+
+η is the norm of the residual that the violation leaves: χ² becomes noncentral by η², and no test of
+these readings sees more of it.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Values = Mapping[str, float]
+Files = Mapping[str, str | bytes]
+Role = Literal["coefficient", "bench", "open"]
+G0 = 9.80665  # m/s², exact (CGPM 1901)
+_OPEN = 1e-9  # least share of a column that counts as seen
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """A quantity that is estimated.
+
+    Parameters
+    ----------
+    sd : float
+        Standard deviation with which it is drawn, SI; of the bench, what the run file states.
+    role : "coefficient", "bench" or "open"
+        Whether its error counts, it is within what is stated, or nothing is known of it.
+    known : bool
+        Whether the run file states a prior of a coefficient: 0 ± sd.
+    """
+
+    sd: float
+    role: Role = "bench"
+    known: bool = False
+
+
+@dataclass(frozen=True)
+class Violation:
+    """Something that the calibration's model leaves out or takes as known.
+
+    Parameters
+    ----------
+    name : str
+        What it is, in words.
+    unit : str
+        Of its size.
+    si : float
+        One unit, SI.
+    change : mapping of str to float
+        By how much quantities of the case change for each unit of SI.
+    suspects : tuple of str
+        What a score test may call it: each is the true cause.
+    most : float
+        Size in `unit` beyond which nobody would need a test to notice it.
+    gross : callable or None
+        What it does to readings (..., m), for mistakes without a size.
+    counted : str
+        Where the data cannot show it: what counts it in U, or what the report prints.
+    symmetric : bool
+        Of a mistake without a size: whether the readings are those of another device, exactly.
+    """
+
+    name: str
+    unit: str = ""
+    si: float = 1.0
+    change: Values = field(default_factory=dict[str, float])
+    suspects: tuple[str, ...] = ()
+    most: float = np.inf
+    gross: Callable[[Array], Array] | None = None
+    counted: str = ""
+    symmetric: bool = False
+
+
+@dataclass(frozen=True)
+class Visibility:
+    """What one unit of a violation does.
+
+    Parameters
+    ----------
+    eta : float
+        Norm of the residual that is left.
+    shift : float
+        Largest shift of a coefficient over its standard uncertainty.
+    coefficient : str
+        Which one that is.
+    left : (m,) array
+        The residual itself.
+    """
+
+    eta: float
+    shift: float
+    coefficient: str
+    left: Array
+
+    @property
+    def at_five(self) -> float:
+        """Size at which a coefficient is shifted by 5 u; infinite if it shifts none."""
+        return 5.0 / self.shift if self.shift > 0 else np.inf
+
+    @property
+    def at_six(self) -> float:
+        """Size at which η is 6; infinite if the residuals never show it."""
+        return 6.0 / self.eta if self.eta > 0 else np.inf
+
+    @property
+    def eta_at_five(self) -> float:
+        """η at the size that shifts a coefficient by 5 u."""
+        return self.eta * self.at_five if np.isfinite(self.at_five) else np.inf
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A method with a device, a bench and data, as drawn and as stated.
+
+    Parameters
+    ----------
+    method : str
+    unknowns : mapping of str to Unknown
+        By name; coefficients are named as in inercal, and in SI.
+    readings : callable
+        Returns noise-free readings, (m,), of quantities by name; those missing are zero.
+    noise : (m,) array
+        Standard deviation of each reading, or (m, m) their covariance.
+    violations : tuple of Violation
+    files : callable
+        Returns the files of one run, by name, from quantities, a source of chance, and what a gross
+        violation does: the run file is "run.toml".
+    shape : tuple of int
+        Rows and channels of the readings, (r, channels), as a gross violation takes them.
+    """
+
+    method: str
+    unknowns: Mapping[str, Unknown]
+    readings: Callable[[Values], Array]
+    noise: Array
+    violations: tuple[Violation, ...]
+    files: Callable[[Values, np.random.Generator, Violation | None], Files]
+    shape: tuple[int, ...] = ()
+
+    def draw(self, rng: np.random.Generator) -> dict[str, float]:
+        """Return quantities of one device on one bench."""
+        return {name: one.sd * rng.standard_normal() for name, one in self.unknowns.items()}
+
+    @property
+    def coefficients(self) -> tuple[str, ...]:
+        return tuple(n for n, one in self.unknowns.items() if one.role == "coefficient")
+
+    @cached_property
+    def white(self) -> Array:
+        """What brings readings to unit covariance: (m,) factors, or the inverse of a factor."""
+        if self.noise.ndim == 1:
+            return 1 / self.noise
+        return np.linalg.inv(np.linalg.cholesky(self.noise))
+
+    def _whitened(self, rows: Array) -> Array:
+        return rows * self.white if self.white.ndim == 1 else self.white @ rows
+
+    def column(self, change: Values, step: float) -> Array:
+        """Return the derivative of whitened readings along a change, (m,)."""
+        ahead = self.readings({n: step * c for n, c in change.items()})
+        behind = self.readings({n: -step * c for n, c in change.items()})
+        return self._whitened((ahead - behind) / (2 * step))
+
+    @cached_property
+    def _factor(self) -> tuple[Array, Array, Array]:
+        """Return Q and R⁻¹ of J, scaled back to SI, and the standard uncertainties, (p,)."""
+        names = list(self.unknowns)
+        stated = [n for n in names if (one := self.unknowns[n]).role == "bench" or one.known]
+        columns = [self.column({n: 1.0}, self.unknowns[n].sd) for n in names]
+        below = np.zeros((len(stated), len(names)))
+        for k, name in enumerate(stated):
+            below[k, names.index(name)] = 1 / self.unknowns[name].sd
+        jacobian = np.concatenate([np.stack(columns, axis=1), below])
+        length = np.linalg.norm(jacobian, axis=0)
+        u, s, v = np.linalg.svd(jacobian / length, full_matrices=False)
+        if s[-1] < _OPEN * s[0]:
+            raise ValueError(f"{self.method}: the unknowns are not observed")
+        back = (v.T / s) / length[:, None]
+        return u, back, np.linalg.norm(back, axis=1)
+
+    @property
+    def uncertainty(self) -> dict[str, float]:
+        """Standard uncertainty of each unknown, SI."""
+        return dict(zip(self.unknowns, self._factor[2].tolist(), strict=True))
+
+    def visibility(self, violation: Violation) -> Visibility:
+        """Return what one unit of a violation does, to first order."""
+        q, back, sd = self._factor
+        names = list(self.unknowns)
+        step = min((self.unknowns[n].sd for n in violation.change if n in names), default=None)
+        step = step or min(violation.most * violation.si * 1e-3, 1e-3)
+        column = self.column(violation.change, step) * violation.si
+        column = np.concatenate([column, np.zeros(len(q) - len(column))])
+        taken = q.T @ column
+        left = column - q @ taken
+        left -= q @ (q.T @ left)
+        eta = float(np.linalg.norm(left))
+        if eta < 1e-7 * np.linalg.norm(column):
+            eta = 0.0  # rounding of differences
+        shift = np.abs(back @ taken) / sd
+        # A violation of a coefficient that is estimated is none: it moves what is to be found.
+        own = [k for k, n in enumerate(names) if self.unknowns[n].role == "coefficient"]
+        worst = max(own, key=lambda k: shift[k])
+        return Visibility(eta, float(shift[worst]), names[worst], left)
+
+    def eta_of_gross(self, violation: Violation) -> float:
+        """Return η of a mistake without a size, by the linear model: a large number is only that."""
+        assert violation.gross is not None
+        if violation.symmetric or not self.shape:
+            return 0.0 if violation.symmetric else np.nan
+        plain = self.readings({})
+        changed = violation.gross(plain.reshape(self.shape)).ravel()
+        q = self._factor[0]
+        column = np.zeros(len(q))
+        column[: plain.size] = self._whitened(changed - plain)
+        left = column - q @ (q.T @ column)
+        eta = float(np.linalg.norm(left))
+        return eta if eta > 1e-6 * np.linalg.norm(column) else 0.0
+
+    def sized(self) -> Iterator[tuple[Violation, Visibility]]:
+        """Yield the violations that have a size, with what one unit of each does."""
+        for violation in self.violations:
+            if violation.gross is None:
+                yield violation, self.visibility(violation)
+
+
+def angle(one: Visibility, other: Visibility) -> float:
+    """Return the angle between what two violations leave, °; 90 where one leaves nothing."""
+    product = one.eta * other.eta
+    if product == 0:
+        return 90.0
+    return float(np.degrees(np.arccos(min(1.0, abs(one.left @ other.left) / product))))
