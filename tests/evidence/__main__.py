@@ -9,7 +9,17 @@ import sys
 from multiprocessing import Pool, cpu_count
 
 from tests.evidence import store, tables_of
-from tests.evidence.cells import BASE_DEVICES, CASES, DEVICES, Cell, Count, bases_of, cells_of, count, split
+from tests.evidence.cells import (
+    BASE_DEVICES,
+    CASES,
+    DEVICES,
+    Cell,
+    Count,
+    bases_of,
+    cells_of,
+    count,
+    split,
+)
 
 
 def main(arguments: list[str]) -> None:

@@ -3,17 +3,20 @@
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
-from functools import lru_cache
+from functools import cache
 from zlib import crc32
 
 import numpy as np
 from tests.evidence import through
-from tests.evidence.cases import arm, hand, head, table
-from tests.evidence.model import Case, Violation, Visibility, angle
+from tests.evidence.cases import arm, hand, head, recorded, table
+from tests.evidence.model import Case, Violation, Visibility, angle, angle_to_space
 
 CASES: Mapping[str, Callable[[], Case]] = {
     "six_position": hand.six_position,
     "ferraris": hand.ferraris,
+    "six_position, recorded": recorded.six_position,
+    "multi_position": recorded.multi_position_means,
+    "multi_position, recorded": recorded.multi_position,
     "centrifuge_norm": arm.centrifuge_norm,
     "dual_orthogonal": head.dual_orthogonal,
     "tumble": head.tumble,
@@ -95,26 +98,32 @@ class Count:
         return Count(**(sums | {"nees": sum(parts) / (one + two) if parts else math.nan}))
 
 
-@lru_cache(maxsize=None)
+@cache
 def case(name: str) -> Case:
     return CASES[name]()
 
 
-@lru_cache(maxsize=None)
+@cache
 def visibilities(name: str) -> dict[str, tuple[Violation, Visibility]]:
     """Return the violations of a case that have a size, by name, with what one unit does."""
     return {violation.name: (violation, seen) for violation, seen in case(name).sized()}
 
 
 def nearest(name: str, violation: str) -> float:
-    """Return the angle to the nearest other cause among the case's violations, °."""
+    """Return the angle to the nearest other cause, °: a violation, a coefficient or a row."""
     own, seen = visibilities(name)[violation]
+    spaces = case(name).spaces
+    around = [
+        angle_to_space(seen, basis)
+        for key, basis in spaces.items()
+        if key not in own.suspects and not set(case(name).rivals.get(key, ())) & set(own.change)
+    ]
     rivals = [
         angle(seen, other)
         for key, (one, other) in visibilities(name).items()
         if key != violation and not set(one.suspects) & set(own.suspects)
     ]
-    return min(rivals, default=90.0)
+    return min([*rivals, *around], default=90.0)
 
 
 def cells_of(name: str, seed: int = 1, devices: int = DEVICES) -> Iterator[Cell]:

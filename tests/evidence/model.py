@@ -139,6 +139,10 @@ class Case:
         violation does: the run file is "run.toml".
     shape : tuple of int
         Rows and channels of the readings, (r, channels), as a gross violation takes them.
+    rows : tuple of str
+        What inercal calls the rows, (r,).
+    rivals : mapping of str to tuple of str
+        Further quantities that could be the cause, together, by the name of a suspect.
     """
 
     method: str
@@ -148,6 +152,8 @@ class Case:
     violations: tuple[Violation, ...]
     files: Callable[[Values, np.random.Generator, Violation | None], Files]
     shape: tuple[int, ...] = ()
+    rows: tuple[str, ...] = ()
+    rivals: Mapping[str, tuple[str, ...]] = field(default_factory=dict[str, tuple[str, ...]])
 
     def draw(self, rng: np.random.Generator) -> dict[str, float]:
         """Return quantities of one device on one bench."""
@@ -229,11 +235,42 @@ class Case:
         eta = float(np.linalg.norm(left))
         return eta if eta > 1e-6 * np.linalg.norm(column) else 0.0
 
+    @cached_property
+    def spaces(self) -> dict[str, Array]:
+        """Return what each rival may leave: an orthonormal basis (m, k) by name."""
+        q = self._factor[0]
+        made: dict[str, Array] = {}
+        if self.rows:
+            r, channels = self.shape
+            for k, name in enumerate(self.rows):
+                columns = np.zeros((r * channels, channels))
+                columns[k * channels : (k + 1) * channels] = np.eye(channels)
+                made[name] = self._whitened(columns.T).T if self.white.ndim == 1 else columns
+        for name, members in self.rivals.items():
+            made[name] = np.stack([self.column({one: 1.0}, 1e-4) for one in members], axis=1)
+        bases: dict[str, Array] = {}
+        for name, columns in made.items():
+            padded = np.zeros((len(q), columns.shape[1]))
+            padded[: len(columns)] = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+            left = padded - q @ (q.T @ padded)
+            u, s, _ = np.linalg.svd(left, full_matrices=False)
+            if np.any(s > 1e-6):
+                bases[name] = u[:, s > 1e-6]
+        return bases
+
     def sized(self) -> Iterator[tuple[Violation, Visibility]]:
         """Yield the violations that have a size, with what one unit of each does."""
         for violation in self.violations:
             if violation.gross is None:
                 yield violation, self.visibility(violation)
+
+
+def angle_to_space(one: Visibility, basis: Array) -> float:
+    """Return the angle between what a violation leaves and a space of residuals (m, k), °."""
+    if one.eta == 0:
+        return 90.0
+    inside = float(np.linalg.norm(basis.T @ one.left)) / one.eta
+    return float(np.degrees(np.arccos(min(1.0, inside))))
 
 
 def angle(one: Visibility, other: Visibility) -> float:

@@ -40,6 +40,7 @@ def accelerometers(v: Values, f: Array, place: Array | None = None) -> Array:
             + c("k1_prime") * 0.5 * np.abs(own)
             + c("kip") * own * p
             + c("kio") * own * o
+            + c("kpo") * p * o
             + c("kpp") * p**2
             + c("koo") * o**2
         )
@@ -95,6 +96,23 @@ def every(kind: str, name: str, size: float = 1.0) -> dict[str, float]:
     return {f"{kind}{a}.{name}": size for a in AXES}
 
 
+def rivals(kinds: str, *estimated: str) -> dict[str, tuple[str, ...]]:
+    """Return the coefficients that could be suspected, all axes together, but those estimated.
+
+    `kinds` is "a", "g" or both.
+    """
+    names = {
+        "a": ("k2", "k3", "koq", "k1_prime", "kip", "kio", "kpo", "kpp", "koo", "drift"),
+        "g": ("scale_prime", "scale2", "g_i", "g_p", "g_o", "drift"),
+    }
+    words = {"a": "drift of accelerometers", "g": "drift of gyros"}
+    return {
+        words[kind] if name == "drift" else name: tuple(f"{kind}{a}.{name}" for a in AXES)
+        for kind in kinds
+        for name in names[kind]
+        if name not in estimated
+    }
+
 
 def of_accelerometers(*left_out: str, counted: str = "") -> tuple[Violation, ...]:
     """Return what accelerometers may have that is left out, all axes alike, by short name.
@@ -114,9 +132,7 @@ def of_accelerometers(*left_out: str, counted: str = "") -> tuple[Violation, ...
     for name in left_out:
         if name == "drift":
             change, suspects = every("a", "drift"), ("drift of accelerometers", *_each("a"))
-            made.append(
-                Violation("drift of the accelerometers", "µg", UG, change, suspects, 1e5)
-            )
+            made.append(Violation("drift of the accelerometers", "µg", UG, change, suspects, 1e5))
             continue
         words, unit, si, most = known[name]
         suspects = (name, *every("a", name))
@@ -191,7 +207,7 @@ def decimal_shift(row: int) -> Violation:
 
     def change(y: Array) -> Array:
         y = y.copy()
-        y[row, 0] *= 10
+        y[row, np.argmax(np.abs(y[row]))] *= 10
         return y
 
     return Violation("decimal shift in one row", gross=change)

@@ -76,9 +76,7 @@ def write(counted: dict[Cell, Count]) -> None:
     lines = ",\n".join("  " + json.dumps(cell, ensure_ascii=False) for cell in cells)
     head = json.dumps(made, ensure_ascii=False)[:-1]
     DATA.write_text(f'{head}, "cells": [\n{lines}\n]}}\n', encoding="utf-8")
-    page = _PAGE.format(
-        summary=tables_of.summary(counted), table=tables_of.text(counted), **made
-    )
+    page = _PAGE.format(summary=tables_of.summary(counted), table=tables_of.text(counted), **made)
     PAGE.write_text(page, encoding="utf-8")
     cannot_tell.write()
 

@@ -61,7 +61,7 @@ def ask(files: Files, truth: dict[str, float]) -> Answer:
 
 def grade(outcome: Outcome) -> Grade:
     """Return the grade of an outcome: its own, or by the same rule where it has none yet."""
-    own = getattr(outcome, "grade", None)
+    own = getattr(outcome.verdict, "grade", None)
     if own is not None:
         return own
     estimate = outcome.estimate
@@ -83,6 +83,9 @@ def grade(outcome: Outcome) -> Grade:
 
 def suspects(outcome: Outcome) -> tuple[str, tuple[str, ...]]:
     """Return the candidate of the smallest p-value, and those within 30° of it with itself."""
+    if hasattr(outcome.verdict, "grade"):
+        named = getattr(outcome.verdict, "suspect", None)
+        return ("", ()) if named is None else (named.name, (named.name, *named.alike))
     scores = [score for score in outcome.estimate.scored.scores if score.dof]
     if not scores:
         return "", ()

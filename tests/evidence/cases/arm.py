@@ -62,9 +62,7 @@ def centrifuge_norm() -> Case:
             a = (rpm * np.pi / 30 * own + earth) ** 2 * radius
             a = a * (1 + v.get("stretch", 0.0) * a)
             a = a + g * v.get("tilt", 0.0)
-            out = np.array(
-                [np.cos(psi) * np.cos(theta), np.sin(psi), np.cos(psi) * np.sin(theta)]
-            )
+            out = np.array([np.cos(psi) * np.cos(theta), np.sin(psi), np.cos(psi) * np.sin(theta)])
             up = np.array([np.sin(theta), 0.0, -np.cos(theta)])
             f = g * up - a * out
             along = np.cross(up, out)
@@ -103,6 +101,7 @@ def centrifuge_norm() -> Case:
     unknowns |= {f"dwell_rate[{k}]": Unknown(0.2e-6) for k in range(n)}
     unknowns |= {f"aim{j}[{k}]": Unknown(1e-3, "open") for k in range(n) for j in (1, 2)}
     stated = "its ± in [bench]"
+    rows = tuple(f"p{k + 1:02d}" for k in range(n))
     violations = (
         Violation("radius", "µm", 1e-6, {"radius": 1.0}, ("radius",), 1e5, None, f"{stated} radius"),
         Violation("rate", "ppm", PPM, {"rate": 1.0}, ("rate",), 1e5, None, "[bench] rate_error"),
@@ -120,4 +119,14 @@ def centrifuge_norm() -> Case:
         sensors.decimal_shift(2),
         sensors.dead(2),
     )  # fmt: skip
-    return Case("centrifuge_norm", unknowns, readings, noise, violations, files, (n, 3))
+    return Case(
+        "centrifuge_norm",
+        unknowns,
+        readings,
+        noise,
+        violations,
+        files,
+        (n, 3),
+        rows,
+        sensors.rivals("a", "k2"),
+    )

@@ -55,7 +55,9 @@ def _tilts() -> dict[str, Unknown]:
 
 
 _INTO_SCALE = "gravity's ± in [bench] gravity: it is common to the scale factors"
-_INTO_TILT = "[bench] tilt, if the rotation of the whole housing counts: it is part of misalignments"
+_INTO_TILT = (
+    "[bench] tilt, if the rotation of the whole housing counts: it is part of misalignments"
+)
 BENCH = (
     Violation("gravity", "ppm", GRAVITY * 1e-6, {"g": 1.0}, ("g",), 5e4, None, _INTO_SCALE),
     Violation(
@@ -115,7 +117,17 @@ def six_position() -> Case:
     unknowns = sensors.triad(0.03 * G0, 0.01, 0.01)
     unknowns |= {"g": Unknown(GRAVITY_SD), **_tilts()}
     left_out = sensors.of_accelerometers("k2", "k3", "k1_prime", "drift")
-    return Case("six_position", unknowns, readings, noise, (*BENCH, *left_out, *GROSS), files, (6, 3))
+    return Case(
+        "six_position",
+        unknowns,
+        readings,
+        noise,
+        (*BENCH, *left_out, *GROSS),
+        files,
+        (6, 3),
+        tuple(FACES),
+        sensors.rivals("a"),
+    )
 
 
 _FERRARIS = """\
@@ -216,5 +228,14 @@ def ferraris() -> Case:
     accelerometers = sensors.of_accelerometers("k2", "k3", "k1_prime", "drift")
     gyros = sensors.of_gyros("scale_prime", "drift", "scale2")
     violations = (*BENCH, *more, *accelerometers, *gyros, *GROSS)
-    return Case("ferraris", unknowns, readings, noise, violations, files, (n, 6))
-
+    return Case(
+        "ferraris",
+        unknowns,
+        readings,
+        noise,
+        violations,
+        files,
+        (n, 6),
+        tuple(labels),
+        sensors.rivals("ag", "g_i", "g_p", "g_o"),
+    )

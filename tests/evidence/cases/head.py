@@ -130,16 +130,18 @@ def _case(
     if pairs:
         trimmed = [k for k in range(rows) if graduation[k] in (N // 2, 3 * N // 4)]
         unknowns |= {f"trim[{k}]": Unknown(np.sqrt(2) * 0.1 * ARCSEC) for k in trimmed}
-    unknowns |= {
-        f"drift_{axis}[{j}]": Unknown(1 * UG) for axis in axes for j in range(len(passes))
-    }
-    both = {axis: 1.0 for axis in axes}
+    unknowns |= {f"drift_{axis}[{j}]": Unknown(1 * UG) for axis in axes for j in range(len(passes))}
+    both = dict.fromkeys(axes, 1.0)
 
     def sensor(name: str, words: str, unit: str, si: float, counted: str = "") -> Violation:
         change = {f"{axis}.{name}": size for axis, size in both.items()}
         suspects = (name, *change)
         return Violation(words, unit, si, change, suspects, 1e5, None, counted)
 
+    angles = [f"{round(np.degrees(a))}°" for a in theta]
+    ways = ["forward" if k < N else "reverse" for k in range(rows)]
+    labels = tuple(f"{a} {way}" for a, way in zip(angles, ways, strict=True))
+    rivals = {n: tuple(f"{axis}.{n}" for axis in axes) for n in ("koq", "k1_prime", "kpp")}
     prior = "[method.prior] of k3, as wide as it may be"
     violations = (
         Violation("first harmonic of the head", "″", ARCSEC, {"sin1": 1.0}, ("sin1",), 3600, None, "[bench] harmonics"),
@@ -159,7 +161,7 @@ def _case(
         sensors.decimal_shift(2),
         sensors.dead(m - 1),
     )  # fmt: skip
-    return Case(method, unknowns, readings, noise, violations, files, (rows, m))
+    return Case(method, unknowns, readings, noise, violations, files, (rows, m), labels, rivals)
 
 
 def dual_orthogonal() -> Case:

@@ -54,7 +54,7 @@ def _name(state: State) -> str:
 def _label(state: State) -> str:
     plane, tilt, second, rpm = state
     text = plane + (f"{tilt:g}" if tilt else "") + (f"{second:+g}" if second is not None else "")
-    return f"{text}_{rpm:g}"
+    return f"{text} at {rpm:g} rpm"
 
 
 def _case(method: str, states: tuple[State, ...], estimator: str = "") -> Case:
@@ -117,7 +117,17 @@ def _case(method: str, states: tuple[State, ...], estimator: str = "") -> Case:
         sensors.decimal_shift(2),
         sensors.dead(2),
     )  # fmt: skip
-    return Case(method, unknowns, readings, noise, violations, files, (n, 3))
+    return Case(
+        method,
+        unknowns,
+        readings,
+        noise,
+        violations,
+        files,
+        (n, 3),
+        tuple(_label(s) for s in states),
+        sensors.rivals("a"),
+    )
 
 
 def ship_planar() -> Case:
