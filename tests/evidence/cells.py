@@ -8,7 +8,7 @@ from zlib import crc32
 
 import numpy as np
 from tests.evidence import through
-from tests.evidence.cases import arm, hand, head, recorded, table
+from tests.evidence.cases import arm, hand, head, recorded, table, turntable
 from tests.evidence.model import Case, Violation, Visibility, angle, angle_to_space
 
 CASES: Mapping[str, Callable[[], Case]] = {
@@ -22,6 +22,9 @@ CASES: Mapping[str, Callable[[], Case]] = {
     "tumble": head.tumble,
     "ship_planar": table.ship_planar,
     "ship_multi_angle": table.ship_multi_angle,
+    "turntable_discrete": turntable.turntable_discrete,
+    "turntable_kalman": turntable.turntable_kalman,
+    "turntable_trajectory": turntable.turntable_trajectory,
 }
 FIVE_U, ETA_SIX, AS_IT_IS, BASE = "5 u", "η = 6", "as it is", "base"
 VISIBLE = 6.0  # η from which a violation must be said
@@ -186,7 +189,8 @@ def answer_of(cell: Cell, k: int) -> through.Answer:
             continue
         if violation.gross is not None:
             gross = violation
+        size = 1.0 if violation.gross is not None else cell.size * violation.si
         for name, per_unit in violation.change.items():
-            change = cell.size * violation.si * per_unit
+            change = size * per_unit
             values[name] = values.get(name, 0.0) + change
     return through.ask(here.files(values, rng, gross), truth)
