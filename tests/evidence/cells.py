@@ -1,4 +1,4 @@
-"""Cells of the table: a case, a violation of some size, and devices; what inercal said is counted."""
+"""Cells of the table: a case, a violation of some size, devices; what inercal said is counted."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping

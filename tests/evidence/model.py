@@ -222,7 +222,7 @@ class Case:
         return Visibility(eta, float(shift[worst]), names[worst], left)
 
     def eta_of_gross(self, violation: Violation) -> float:
-        """Return η of a mistake without a size, by the linear model: a large number is only that."""
+        """Return η of a mistake without a size, by the linear model: where large, only that."""
         assert violation.gross is not None
         if violation.symmetric or not self.shape:
             return 0.0 if violation.symmetric else np.nan

@@ -4,6 +4,8 @@ Nothing of inercal is imported. Seen from axis I, P and O follow cyclically. Coe
 SI, such as "ax.k3"; those missing are zero. A drift is the change of a bias over the whole run.
 """
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 from tests.evidence.model import G0, Unknown, Values, Violation
@@ -114,11 +116,22 @@ def rivals(kinds: str, *estimated: str) -> dict[str, tuple[str, ...]]:
     }
 
 
-def of_accelerometers(*left_out: str, counted: str = "") -> tuple[Violation, ...]:
+NO_KEY = (
+    "no key counts it: a data sheet's limit, or a method that finds it "
+    "(tumble, centrifuge_norm, multi_position)"
+)
+NO_GYRO_KEY = "no key counts it: a data sheet's limit, or steady rates of several sizes"
+NO_DRIFT_KEY = "repeat the first position at the end; of a recording [sensor] bias_instability"
+
+
+def of_accelerometers(
+    *left_out: str, counted: Mapping[str, str] | None = None
+) -> tuple[Violation, ...]:
     """Return what accelerometers may have that is left out, all axes alike, by short name.
 
-    A drift over the run, g-sensitivity and the like have names of their own.
+    `counted` says by name what counts it in U, where that is not `NO_KEY`.
     """
+    said = dict.fromkeys(left_out, NO_KEY) | {"drift": NO_DRIFT_KEY} | dict(counted or {})
     known = {
         "k2": ("second-order nonlinearity k2", "µg/g²", UG / G0**2, 1e5),
         "k3": ("third-order nonlinearity k3", "µg/g³", UG / G0**3, 1e5),
@@ -138,7 +151,7 @@ def of_accelerometers(*left_out: str, counted: str = "") -> tuple[Violation, ...
         suspects = (name, *every("a", name))
         if name == "delta_o":
             suspects += ("delta_p", *every("a", "delta_p"))
-        made.append(Violation(words, unit, si, every("a", name), suspects, most, None, counted))
+        made.append(Violation(words, unit, si, every("a", name), suspects, most, None, said[name]))
     return tuple(made)
 
 
@@ -148,20 +161,29 @@ def of_gyros(*left_out: str) -> tuple[Violation, ...]:
     for name in left_out:
         if name == "drift":
             change, suspects = every("g", "drift"), ("drift of gyros", *_each("g"))
-            made.append(Violation("drift of the gyros", "°/h", DEG_H, change, suspects, 1e6))
+            made.append(
+                Violation(
+                    "drift of the gyros", "°/h", DEG_H, change, suspects, 1e6, None, NO_DRIFT_KEY
+                )
+            )
         elif name == "scale_prime":
             change = every("g", name)
             words = "asymmetry of the gyros' scale factor"
-            made.append(Violation(words, "ppm", PPM, change, (name, *change), 2e5))
+            suspects = (name, *change)
+            made.append(Violation(words, "ppm", PPM, change, suspects, 2e5, None, NO_GYRO_KEY))
         elif name == "g":
             change = every("g", "g_i") | every("g", "g_p") | every("g", "g_o")
             suspects = ("g_i", "g_p", "g_o", *change)
             words = "sensitivity of the gyros to acceleration"
-            made.append(Violation(words, "°/h/g", DEG_H / G0, change, suspects, 1e6))
+            also = 'also = ["g"]'
+            made.append(Violation(words, "°/h/g", DEG_H / G0, change, suspects, 1e6, None, also))
         elif name == "scale2":
             change = every("g", name)
             words = "second-order nonlinearity of the gyros"
-            made.append(Violation(words, "ppm/(rad/s)", PPM, change, (name, *change), 1e6))
+            suspects = (name, *change)
+            made.append(
+                Violation(words, "ppm/(rad/s)", PPM, change, suspects, 1e6, None, NO_GYRO_KEY)
+            )
     return tuple(made)
 
 

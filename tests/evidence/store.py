@@ -18,11 +18,11 @@ DATA, PAGE = FOLDER / "violations.json", FOLDER / "violations.md"
 _PAGE = """\
 # Violations: what is noticed, counted
 
-Written by `make evidence`; do not edit. Each cell is 40 devices with errors drawn as stated, made by
-generators that know nothing of inercal, with one thing that the stated model leaves out. η is the
-norm of the whitened residual that it leaves after the fit, computed apart from inercal; at η = 6 a
-test at the level of the verdict notices it in nearly all devices. "5 u" is the size that shifts some
-coefficient by five standard uncertainties. What η < 6 leaves unsaid is listed in
+Written by `make evidence`; do not edit. Each cell is 40 devices with errors drawn as stated, made
+by generators that know nothing of inercal, with one thing that the stated model leaves out. η is
+the norm of the whitened residual that it leaves after the fit, computed apart from inercal; at
+η = 6 a test at the level of the verdict notices it in nearly all devices. "5 u" is the size that
+shifts some coefficient by five standard uncertainties. What η < 6 leaves unsaid is listed in
 [what the data cannot tell](../reference/what-the-data-cannot-tell.md).
 
 Seeds: 1 for violations; 1, 2 and 3 for base cases of 300 devices each. Commit {commit}; {machine}.

@@ -83,7 +83,8 @@ def summary(counted: Counts) -> str:
     lines = [
         "| what | figure | demanded |",
         "|---|---|---|",
-        f"| visible violations not called consistent, pooled | {share(visible, 'noticed')} | ≥ {SHARE} |",
+        "| visible violations not called consistent, pooled "
+        f"| {share(visible, 'noticed')} | ≥ {SHARE} |",
         f"| visible cells below 34 of 40 | {len(missed(counted))} of {len(visible)} | 0 |",
         f"| true cause first, rivals ≥ 30° away, pooled | {share(apart, 'first')} | ≥ {NAMED} |",
         f"| true cause in the named group, nearer rivals, pooled | {share(near, 'group')} | |",

@@ -61,12 +61,29 @@ _INTO_TILT = (
 BENCH = (
     Violation("gravity", "ppm", GRAVITY * 1e-6, {"g": 1.0}, ("g",), 5e4, None, _INTO_SCALE),
     Violation(
-        "tilt of one face", "″", ARCSEC, {"tilt1[x_p]": 1.0}, ("x_p",), 36_000, None,
+        "tilt of one face",
+        "″",
+        ARCSEC,
+        {"tilt1[x_p]": 1.0},
+        ("x_p",),
+        36_000,
+        None,
         "[bench] tilt, as large as a face can be off",
     ),
-    Violation("tilt common to all faces", "″", ARCSEC, {"seat_z": 1.0}, (), 36_000, None, _INTO_TILT),
-    Violation("step in one rest", "mg", 1e-3 * G0, {"step": 1.0}, ("x_p",), 1e3),
-)  # fmt: skip
+    Violation(
+        "tilt common to all faces", "″", ARCSEC, {"seat_z": 1.0}, (), 36_000, None, _INTO_TILT
+    ),
+    Violation(
+        "step in one rest",
+        "mg",
+        1e-3 * G0,
+        {"step": 1.0},
+        ("x_p",),
+        1e3,
+        None,
+        "the recording in the place of its means: each rest is tested against itself",
+    ),
+)
 GROSS = (
     sensors.swapped(0, 1),
     sensors.reversed_axis(1),
@@ -210,21 +227,37 @@ def ferraris() -> Case:
     unknowns |= {f"force_{a}[{t}]": Unknown(0.1, "open") for t in TURNS for a in "xyz"}
     more = (
         Violation(
-            "timebase", "ppm", PPM, {"timebase": 1.0}, ("timebase",), 1e5, None,
+            "timebase",
+            "ppm",
+            PPM,
+            {"timebase": 1.0},
+            ("timebase",),
+            1e5,
+            None,
             "[bench] timebase: it is common to the gyros' scale factors",
         ),
         Violation(
-            "angle of the turns", "°", DEGREE, {f"angle[{t}]": 1.0 for t in TURNS}, (), 360, None,
+            "angle of the turns",
+            "°",
+            DEGREE,
+            {f"angle[{t}]": 1.0 for t in TURNS},
+            (),
+            360,
+            None,
             "[bench] turn_angle: it is all that is known of the gyros' scale factors",
         ),
         Violation(
-            "latitude", "°", DEGREE, {"latitude": 1.0}, ("latitude", "earth_up"), 90, None,
+            "latitude",
+            "°",
+            DEGREE,
+            {"latitude": 1.0},
+            ("latitude", "earth_up"),
+            90,
+            None,
             "latitude left out of [bench]: the earth's rate is then unknown altogether",
         ),
-        Violation(
-            "step of a gyro in one rest", "°/h", DEG_H, {"gyro step": 1.0}, ("x_p",), 1e6
-        ),
-    )  # fmt: skip
+        Violation("step of a gyro in one rest", "°/h", DEG_H, {"gyro step": 1.0}, ("x_p",), 1e6),
+    )
     accelerometers = sensors.of_accelerometers("k2", "k3", "k1_prime", "drift")
     gyros = sensors.of_gyros("scale_prime", "drift", "scale2")
     violations = (*BENCH, *more, *accelerometers, *gyros, *GROSS)

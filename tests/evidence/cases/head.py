@@ -1,8 +1,8 @@
 """One accelerometer, or two at right angles, on a dividing head with its spindle level.
 
-Gravity's reaction turns through the plane of rotation with the true angle: the head's, harmonics and
-graduations, and where an autocollimator is used its own, the zero of the head and the base's tilts.
-The readings are those of `tests.accuracy.dividing_head`.
+Gravity's reaction turns through the plane of rotation with the true angle: the head's, harmonics
+and graduations, and where an autocollimator is used its own, the zero of the head and the base's
+tilts. The readings are those of `tests.accuracy.dividing_head`.
 """
 
 import numpy as np
@@ -133,7 +133,9 @@ def _case(
     unknowns |= {f"drift_{axis}[{j}]": Unknown(1 * UG) for axis in axes for j in range(len(passes))}
     both = dict.fromkeys(axes, 1.0)
 
-    def sensor(name: str, words: str, unit: str, si: float, counted: str = "") -> Violation:
+    def sensor(
+        name: str, words: str, unit: str, si: float, counted: str = sensors.NO_KEY
+    ) -> Violation:
         change = {f"{axis}.{name}": size for axis, size in both.items()}
         suspects = (name, *change)
         return Violation(words, unit, si, change, suspects, 1e5, None, counted)
@@ -144,23 +146,98 @@ def _case(
     rivals = {n: tuple(f"{axis}.{n}" for axis in axes) for n in ("koq", "k1_prime", "kpp")}
     prior = "[method.prior] of k3, as wide as it may be"
     violations = (
-        Violation("first harmonic of the head", "″", ARCSEC, {"sin1": 1.0}, ("sin1",), 3600, None, "[bench] harmonics"),
-        Violation("second harmonic of the head", "″", ARCSEC, {"sin2": 1.0}, ("sin2",), 3600, None, "[bench] harmonics"),
-        Violation("third harmonic of the head", "″", ARCSEC, {"sin3": 1.0}, ("sin3",), 3600, None, "[bench] harmonics, a third"),
-        Violation("zero of the head (base tilt)", "″", ARCSEC, {"base": 1.0}, ("base",), 36_000, None, "[bench] base"),
-        Violation("creep of the base in one pass", "″", ARCSEC, {"creep[0]": 1.0}, ("creep[pass 1]",), 3600, None, "[bench] creep"),
-        Violation("gravity", "ppm", GRAVITY * 1e-6, {"g": 1.0}, ("g",), 5e4, None, "its ± in [bench] gravity"),
-        Violation("drift over the run", "µg", UG, {f"{axis}.drift": 1.0 for axis in axes}, ("drift of accelerometers", *(f"drift of {a}" for a in axes), *(f"drift_{a}[pass {j}]" for a in axes for j in (1, 2))), 1e5, None, "[bench] drift"),
+        Violation(
+            "first harmonic of the head",
+            "″",
+            ARCSEC,
+            {"sin1": 1.0},
+            ("sin1",),
+            3600,
+            None,
+            "[bench] harmonics",
+        ),
+        Violation(
+            "second harmonic of the head",
+            "″",
+            ARCSEC,
+            {"sin2": 1.0},
+            ("sin2",),
+            3600,
+            None,
+            "[bench] harmonics",
+        ),
+        Violation(
+            "third harmonic of the head",
+            "″",
+            ARCSEC,
+            {"sin3": 1.0},
+            ("sin3",),
+            3600,
+            None,
+            "[bench] harmonics, a third",
+        ),
+        Violation(
+            "zero of the head (base tilt)",
+            "″",
+            ARCSEC,
+            {"base": 1.0},
+            ("base",),
+            36_000,
+            None,
+            "[bench] base",
+        ),
+        Violation(
+            "creep of the base in one pass",
+            "″",
+            ARCSEC,
+            {"creep[0]": 1.0},
+            ("creep[pass 1]",),
+            3600,
+            None,
+            "[bench] creep",
+        ),
+        Violation(
+            "gravity",
+            "ppm",
+            GRAVITY * 1e-6,
+            {"g": 1.0},
+            ("g",),
+            5e4,
+            None,
+            "its ± in [bench] gravity",
+        ),
+        Violation(
+            "drift over the run",
+            "µg",
+            UG,
+            {f"{axis}.drift": 1.0 for axis in axes},
+            (
+                "drift of accelerometers",
+                *(f"drift of {a}" for a in axes),
+                *(f"drift_{a}[pass {j}]" for a in axes for j in (1, 2)),
+            ),
+            1e5,
+            None,
+            "[bench] drift",
+        ),
         Violation("one outlying position", "µg", UG, {"step": 1.0}, ("f01", "0° forward"), 1e6),
         sensor("k1_prime", "asymmetry of the scale factor", "ppm", 1e-6),
         sensor("koq", "odd quadratic nonlinearity", "µg/g²", UG / G0**2),
-        *((sensor("k3", "third-order nonlinearity k3 beyond its prior", "µg/g³", UG / G0**3, prior),) if m > 1 else ()),
+        *(
+            (
+                sensor(
+                    "k3", "third-order nonlinearity k3 beyond its prior", "µg/g³", UG / G0**3, prior
+                ),
+            )
+            if m > 1
+            else ()
+        ),
         *((sensors.swapped(0, 1),) if m > 1 else ()),
         sensors.reversed_axis(m - 1),
         sensors.wrong_unit(1 / G0),
         sensors.decimal_shift(2),
         sensors.dead(m - 1),
-    )  # fmt: skip
+    )
     return Case(method, unknowns, readings, noise, violations, files, (rows, m), labels, rivals)
 
 

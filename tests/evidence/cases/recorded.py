@@ -127,6 +127,7 @@ accelerometer = "30 µg"
 name = "multi_position"
 """
 POSITIONS = 24
+_ALSO = {name: f'also = ["{name}"]' for name in ("k2", "k3")}
 
 
 @lru_cache(maxsize=1)
@@ -151,9 +152,15 @@ def _triangular(bias: float, scale: float, cross: float) -> dict[str, Unknown]:
 
 
 _GRAVITY = Violation(
-    "gravity", "ppm", hand.GRAVITY * 1e-6, {"g": 1.0}, ("g",), 5e4, None,
+    "gravity",
+    "ppm",
+    hand.GRAVITY * 1e-6,
+    {"g": 1.0},
+    ("g",),
+    5e4,
+    None,
     "gravity's ± in [bench] gravity: it is common to the scale factors",
-)  # fmt: skip
+)
 
 
 def multi_position_means() -> Case:
@@ -185,7 +192,7 @@ def multi_position_means() -> Case:
     violations = (
         _GRAVITY,
         Violation("one outlying rest", "mg", 1e-3 * G0, {"step": 1.0}, ("r01",), 1e4),
-        *sensors.of_accelerometers("k2", "k3", "k1_prime", "kip", "drift"),
+        *sensors.of_accelerometers("k2", "k3", "k1_prime", "kip", "drift", counted=_ALSO),
         *(
             Violation(one.name, gross=one.gross, symmetric=True)
             for one in (sensors.swapped(0, 1), sensors.reversed_axis(1))
@@ -339,18 +346,33 @@ def multi_position() -> Case:
     violations = (
         _GRAVITY,
         Violation(
-            "timebase", "ppm", PPM, {"timebase": 1.0}, ("timebase",), 1e5, None,
+            "timebase",
+            "ppm",
+            PPM,
+            {"timebase": 1.0},
+            ("timebase",),
+            1e5,
+            None,
             "[bench] timebase: it is common to the gyros' scale factors",
         ),
-        Violation("latitude", "°", DEGREE, {"latitude": 1.0}, ("latitude", "earth_up"), 90),
+        Violation(
+            "latitude",
+            "°",
+            DEGREE,
+            {"latitude": 1.0},
+            ("latitude", "earth_up"),
+            90,
+            None,
+            "latitude left out",
+        ),
         Violation("step in the middle of one rest", "mg", 1e-3 * G0, {"step": 1.0}, (), 1e3),
-        *sensors.of_accelerometers("k2", "k3", "k1_prime", "drift"),
+        *sensors.of_accelerometers("k2", "k3", "k1_prime", "drift", counted=_ALSO),
         *sensors.of_gyros("g", "scale_prime", "drift"),
         sensors.swapped(0, 1),
         sensors.reversed_axis(4),
         sensors.wrong_unit(180 / np.pi, slice(3, 6)),
         sensors.dead(5),
-    )  # fmt: skip
+    )
     return Case(
         "multi_position", unknowns, readings, noise, violations, files, rivals=sensors.rivals("ag")
     )

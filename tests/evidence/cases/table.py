@@ -1,9 +1,9 @@
 """Three accelerometers on a plain rate table, level and tilted, as in tests of ship models.
 
-In the frame of the table (toward the centre, along the motion, up) the sensor senses the centripetal
-acceleration and gravity's reaction; a mounting has its pose and its seat, a set speed its own error,
-and at rest the table's axis leans from the vertical toward anywhere. Mountings are those of
-`tests.accuracy.rate_table`.
+In the frame of the table (toward the centre, along the motion, up) the sensor senses the
+centripetal acceleration and gravity's reaction; a mounting has its pose and its seat, a set speed
+its own error, and at rest the table's axis leans from the vertical toward anywhere. Mountings are
+those of `tests.accuracy.rate_table`.
 """
 
 import numpy as np
@@ -103,12 +103,52 @@ def _case(method: str, states: tuple[State, ...], estimator: str = "") -> Case:
     first = mounted[0]
     of_speeds = tuple(f"speed[{w:g} rpm]" for w in speeds)
     violations = (
-        Violation("radius", "mm", 1e-3, {"radius": 1.0}, ("radius",), 250, None, "its ± in [bench] radius"),
-        Violation("rate", "ppm", PPM, {"rate": 1.0}, ("rate", *of_speeds), 1e6, None, "[bench] rate_error"),
-        Violation("gravity", "ppm", GRAVITY * 1e-6, {"g": 1.0}, ("g",), 1e5, None, "its ± in [bench] gravity"),
-        Violation("pose of one mounting", "°", DEGREE, {f"pose_y[{first}]": 1.0}, (f"pose_y[{first}]",), 45, None, "[bench] pose"),
-        Violation("seat of one mounting", "mm", 1e-3, {f"seat[{first}]": 1.0}, (f"seat[{first}]",), 250, None, "[bench] seat"),
-        Violation("tilt of the table's axis, alike at all rests", "°", DEGREE, {"lean": 1.0}, (), 45, None, "[bench] lean"),
+        Violation(
+            "radius", "mm", 1e-3, {"radius": 1.0}, ("radius",), 250, None, "its ± in [bench] radius"
+        ),
+        Violation(
+            "rate", "ppm", PPM, {"rate": 1.0}, ("rate", *of_speeds), 1e6, None, "[bench] rate_error"
+        ),
+        Violation(
+            "gravity",
+            "ppm",
+            GRAVITY * 1e-6,
+            {"g": 1.0},
+            ("g",),
+            1e5,
+            None,
+            "its ± in [bench] gravity",
+        ),
+        Violation(
+            "pose of one mounting",
+            "°",
+            DEGREE,
+            {f"pose_y[{first}]": 1.0},
+            (f"pose_y[{first}]",),
+            45,
+            None,
+            "[bench] pose",
+        ),
+        Violation(
+            "seat of one mounting",
+            "mm",
+            1e-3,
+            {f"seat[{first}]": 1.0},
+            (f"seat[{first}]",),
+            250,
+            None,
+            "[bench] seat",
+        ),
+        Violation(
+            "tilt of the table's axis, alike at all rests",
+            "°",
+            DEGREE,
+            {"lean": 1.0},
+            (),
+            45,
+            None,
+            "[bench] lean",
+        ),
         Violation("one outlying state", "mg", 1e-3 * G0, {"step": 1.0}, (_label(states[1]),), 1e4),
         *sensors.of_accelerometers("k2", "k3", "k1_prime", "kip", "drift"),
         sensors.swapped(0, 1),
@@ -116,7 +156,7 @@ def _case(method: str, states: tuple[State, ...], estimator: str = "") -> Case:
         sensors.wrong_unit(1 / G0),
         sensors.decimal_shift(2),
         sensors.dead(2),
-    )  # fmt: skip
+    )
     return Case(
         method,
         unknowns,
