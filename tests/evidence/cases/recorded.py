@@ -2,6 +2,7 @@
 
 import io
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -274,7 +275,7 @@ def multi_position() -> Case:
     across = _across(ups)
     run = len(data) / hz
     hold = (rests[0][1] - rests[0][0]) / hz
-    ways = [(a[1], b[0]) for a, b in zip(rests, rests[1:], strict=False)]
+    ways = [(a[1], b[0]) for a, b in pairwise(rests)]
     exact = [_product(_expm(data[a:b, 3:] / hz)) for a, b in ways]
     # The attitude of each rest, body to a frame that stands: up is its third axis.
     first = np.concatenate([across[0], ups[:1]])

@@ -7,7 +7,8 @@ whose noise is white plus flicker; an approximation, whose uncertainties are wit
 inercal's.
 """
 
-from functools import lru_cache
+from functools import cache
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -168,7 +169,7 @@ def covariance(start: Array, stop: Array, white: float, size: float) -> Array:
     return made
 
 
-@lru_cache(maxsize=None)
+@cache
 def _travelled(which: str) -> tuple[Array, NDArray[np.str_]]:
     path = fast() if which == "fast" else discrete()
     angles, _, _, labels = travel(path, Table(), HZ)
@@ -179,7 +180,7 @@ def _segments(labels: NDArray[np.str_], *, moves: bool) -> list[tuple[int, int, 
     """Return first and last sample and whether the table holds: turns and moves in short parts."""
     edges = [0, *(np.flatnonzero(labels[1:] != labels[:-1]) + 1), len(labels)]
     made: list[tuple[int, int, bool]] = []
-    for a, b in zip(edges, edges[1:], strict=False):
+    for a, b in pairwise(edges):
         name = labels[a]
         if name and name[-1] not in "+-":
             made.append((a, b, True))
@@ -188,7 +189,7 @@ def _segments(labels: NDArray[np.str_], *, moves: bool) -> list[tuple[int, int, 
             continue
         count = max(1, round((b - a) / HZ))
         cuts = np.linspace(a, b, count + 1).round().astype(int).tolist()
-        made += [(x, y, False) for x, y in zip(cuts, cuts[1:], strict=False)]
+        made += [(x, y, False) for x, y in pairwise(cuts)]
     return [(a, b, held) for a, b, held in made if b - a >= 2 * THIN]
 
 
