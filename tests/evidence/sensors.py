@@ -116,10 +116,11 @@ def rivals(kinds: str, *estimated: str) -> dict[str, tuple[str, ...]]:
     }
 
 
-NO_KEY = (
-    "no key counts it: a data sheet's limit, or a method that finds it "
-    "(tumble, centrifuge_norm, multi_position)"
-)
+NO_KEY = "no key counts it: a data sheet's limit"
+FOUND_BY = {
+    "k2": f"{NO_KEY}, or tumble, centrifuge_norm, multi_position with also",
+    "k3": f"{NO_KEY}, or tumble, centrifuge_norm or multi_position with also",
+}
 NO_GYRO_KEY = "no key counts it: a data sheet's limit, or steady rates of several sizes"
 NO_DRIFT_KEY = "repeat the first position at the end; of a recording [sensor] bias_instability"
 
@@ -131,7 +132,9 @@ def of_accelerometers(
 
     `counted` says by name what counts it in U, where that is not `NO_KEY`.
     """
-    said = dict.fromkeys(left_out, NO_KEY) | {"drift": NO_DRIFT_KEY} | dict(counted or {})
+    said = (
+        dict.fromkeys(left_out, NO_KEY) | FOUND_BY | {"drift": NO_DRIFT_KEY} | dict(counted or {})
+    )
     known = {
         "k2": ("second-order nonlinearity k2", "µg/g²", UG / G0**2, 1e5),
         "k3": ("third-order nonlinearity k3", "µg/g³", UG / G0**3, 1e5),
@@ -145,7 +148,18 @@ def of_accelerometers(
     for name in left_out:
         if name == "drift":
             change, suspects = every("a", "drift"), ("drift of accelerometers", *_each("a"))
-            made.append(Violation("drift of the accelerometers", "µg", UG, change, suspects, 1e5))
+            made.append(
+                Violation(
+                    "drift of the accelerometers",
+                    "µg",
+                    UG,
+                    change,
+                    suspects,
+                    1e5,
+                    None,
+                    said["drift"],
+                )
+            )
             continue
         words, unit, si, most = known[name]
         suspects = (name, *every("a", name))

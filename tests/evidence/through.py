@@ -3,7 +3,8 @@
 import math
 import tempfile
 import warnings
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -33,6 +34,8 @@ class Answer:
         (error)ᵀ covariance⁻¹ (error) over the number of coefficients; NaN where refused.
     words : str
         The verdict's first line, or the refusal.
+    std : mapping of str to float
+        Standard uncertainty of each coefficient, SI.
     """
 
     grade: Grade
@@ -40,6 +43,7 @@ class Answer:
     group: tuple[str, ...]
     nees: float
     words: str
+    std: Mapping[str, float] = field(default_factory=dict[str, float])
 
 
 def ask(files: Files, truth: dict[str, float]) -> Answer:
@@ -56,7 +60,9 @@ def ask(files: Files, truth: dict[str, float]) -> Answer:
             words = str(error).replace(folder, "")
             return Answer("refused", "", (), math.nan, words)
     first, group = suspects(outcome)
-    return Answer(grade(outcome), first, group, _nees(outcome, truth), outcome.verdict[0])
+    found = outcome.calibration
+    std = dict(zip(found.sensor.coefficients, found.std.tolist(), strict=True))
+    return Answer(grade(outcome), first, group, _nees(outcome, truth), outcome.verdict[0], std)
 
 
 def grade(outcome: Outcome) -> Grade:

@@ -55,9 +55,7 @@ def _tilts() -> dict[str, Unknown]:
 
 
 _INTO_SCALE = "gravity's ± in [bench] gravity: it is common to the scale factors"
-_INTO_TILT = (
-    "[bench] tilt, if the rotation of the whole housing counts: it is part of misalignments"
-)
+_INTO_TILT = "[bench] tilt: a rotation of the whole housing is part of the misalignments"
 BENCH = (
     Violation("gravity", "ppm", GRAVITY * 1e-6, {"g": 1.0}, ("g",), 5e4, None, _INTO_SCALE),
     Violation(
@@ -256,7 +254,16 @@ def ferraris() -> Case:
             None,
             "latitude left out of [bench]: the earth's rate is then unknown altogether",
         ),
-        Violation("step of a gyro in one rest", "°/h", DEG_H, {"gyro step": 1.0}, ("x_p",), 1e6),
+        Violation(
+            "step of a gyro in one rest",
+            "°/h",
+            DEG_H,
+            {"gyro step": 1.0},
+            ("x_p",),
+            1e6,
+            None,
+            "the recording in the place of its means",
+        ),
     )
     accelerometers = sensors.of_accelerometers("k2", "k3", "k1_prime", "drift")
     gyros = sensors.of_gyros("scale_prime", "drift", "scale2")
