@@ -107,6 +107,7 @@ def _case(
         text = '[sensor]\nname = "pair"\n[sensor.accelerometer]\nunit = "V"\nscale = "3 V/g"\n'
         collimation = "pairs" if pairs else "none"
         text += _BENCH.format(h1=h1, h2=h2, division=division, collimation=collimation)
+        text += 'certificate = "0 ″"\n' * pairs
         columns = ", ".join(f'"{axis}"' for axis in axes)
         text += _DATA.format(columns=columns, noise=noise_ug)
         text += f'[method]\nname = "{method}"\n' + (_PAIR_PRIORS if m > 1 else "")
