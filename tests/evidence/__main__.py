@@ -1,7 +1,8 @@
 """Count what inercal says of violations of known visibility, and write the tables.
 
-`python -m tests.evidence` works out all cells with both the base cases; `--methods` and `--cells`
-choose some of them, `--devices` fewer devices, and then the tables are printed and not written.
+`python -m tests.evidence` works out all cells and the base cases, method by method, and writes each
+in the place of what is stored; `--methods` chooses some methods. With `--cells`, or fewer devices,
+the tables are printed and not written.
 """
 
 import argparse
@@ -40,16 +41,15 @@ def main(arguments: list[str]) -> None:
         )
         if chosen.cells in cell.violation
     ]
-    counted = work(cells, chosen.processes)
-    whole = (
-        chosen.methods == list(CASES)
-        and not chosen.cells
-        and (chosen.devices, chosen.base) == (DEVICES, BASE_DEVICES)
-    )
-    if whole:
-        store.write(counted)
-    print(tables_of.text(counted))
-    if chosen.methods == list(CASES) and not chosen.cells:
+    whole = not chosen.cells and (chosen.devices, chosen.base) == (DEVICES, BASE_DEVICES)
+    counted: dict[Cell, Count] = {}
+    for name in chosen.methods:
+        of_method = work([cell for cell in cells if cell.case == name], chosen.processes)
+        if whole:
+            store.write(of_method)
+        print(tables_of.text(of_method), flush=True)
+        counted |= of_method
+    if not chosen.cells:
         print(tables_of.summary(counted))
 
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from zlib import crc32
 
@@ -27,6 +27,7 @@ CASES: Mapping[str, Callable[[], Case]] = {
     "turntable_trajectory": turntable.turntable_trajectory,
 }
 FIVE_U, ETA_SIX, AS_IT_IS, BASE = "5 u", "η = 6", "as it is", "base"
+GRADES = ("consistent", "reservations", "unreliable", "refused")
 VISIBLE = 6.0  # η from which a violation must be said
 APART = 30.0  # ° from which two causes can be told apart
 DEVICES, BASE_SEEDS, BASE_DEVICES = 40, (1, 2, 3), 300
@@ -95,10 +96,17 @@ class Count:
         return self.devices - self.consistent
 
     def __add__(self, other: "Count") -> "Count":
-        sums = {name: a + getattr(other, name) for name, a in asdict(self).items()}
         one, two = self.devices - self.refused, other.devices - other.refused
         parts = [n * c.nees for n, c in ((one, self), (two, other)) if n]
-        return Count(**(sums | {"nees": sum(parts) / (one + two) if parts else math.nan}))
+        return Count(
+            self.consistent + other.consistent,
+            self.reservations + other.reservations,
+            self.unreliable + other.unreliable,
+            self.refused + other.refused,
+            self.first + other.first,
+            self.group + other.group,
+            sum(parts) / (one + two) if parts else math.nan,
+        )
 
 
 @cache
@@ -166,14 +174,9 @@ def count(part: tuple[Cell, range]) -> Count:
         answer = answer_of(cell, k)
         own = next((v for v in case(cell.case).violations if v.name == cell.violation), None)
         suspects = own.suspects if own else ()
-        one = Count(nees=answer.nees)
-        one = replace(
-            one,
-            **{answer.grade: 1},
-            first=int(answer.first in suspects),
-            group=int(bool(set(answer.group) & set(suspects))),
-        )
-        whole = whole + one
+        grades = [int(answer.grade == word) for word in GRADES]
+        named = [int(bool(set(names) & set(suspects))) for names in (answer.first, answer.group)]
+        whole = whole + Count(*grades, *named, nees=answer.nees)
     return whole
 
 

@@ -168,7 +168,7 @@ class Case:
         """What brings readings to unit covariance: (m,) factors, or the inverse of a factor."""
         if self.noise.ndim == 1:
             return 1 / self.noise
-        return np.linalg.inv(np.linalg.cholesky(self.noise))
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(self.noise)), dtype=float)
 
     def _whitened(self, rows: Array) -> Array:
         return rows * self.white if self.white.ndim == 1 else self.white @ rows

@@ -15,7 +15,6 @@ from inercal.errors import InercalError
 from inercal.pipeline import Outcome, calibrate
 
 Grade = Literal["consistent", "reservations", "unreliable", "refused"]
-_ALIKE = math.cos(math.radians(30))
 
 
 @dataclass(frozen=True)
@@ -26,10 +25,10 @@ class Answer:
     ----------
     grade : str
         Of the three, or that the data were refused.
-    first : str
-        Name of the suspect, where a test is significant; else of the candidate nearest to it.
+    first : tuple of str
+        Names of the suspect and of its components; empty without a suspect.
     group : tuple of str
-        It and the candidates that the data cannot tell from it.
+        These and the candidates that the data cannot tell from it.
     nees : float
         (error)ᵀ covariance⁻¹ (error) over the number of coefficients; NaN where refused.
     words : str
@@ -39,7 +38,7 @@ class Answer:
     """
 
     grade: Grade
-    first: str
+    first: tuple[str, ...]
     group: tuple[str, ...]
     nees: float
     words: str
@@ -58,47 +57,23 @@ def ask(files: Files, truth: dict[str, float]) -> Answer:
                 outcome = calibrate(Path(folder) / "run.toml")
         except InercalError as error:
             words = str(error).replace(folder, "")
-            return Answer("refused", "", (), math.nan, words)
+            return Answer("refused", (), (), math.nan, words)
     first, group = suspects(outcome)
     found = outcome.calibration
     std = dict(zip(found.sensor.coefficients, found.std.tolist(), strict=True))
-    return Answer(grade(outcome), first, group, _nees(outcome, truth), outcome.verdict[0], std)
+    nees, verdict = _nees(outcome, truth), outcome.verdict
+    return Answer(verdict.grade, first, group, nees, verdict.lines[0], std)
 
 
-def grade(outcome: Outcome) -> Grade:
-    """Return the grade of an outcome: its own, or by the same rule where it has none yet."""
-    own = getattr(outcome.verdict, "grade", None)
-    if own is not None:
-        return own
-    estimate = outcome.estimate
-    tests = [float(np.min(estimate.p_value))] if estimate.dof else []
-    tests += [group.p_value for group in estimate.groups if group.dof]
-    tests += [test.p_value for test in estimate.tests]
-    scores = [estimate.scored.adjusted(score) for score in estimate.scored.scores]
-    bad = min(tests, default=1.0) < 0.005 / max(len(tests), 1) or min(scores, default=1.0) < 0.005
-    severities = {finding.severity for finding in outcome.findings}
-    scales = [
-        1 + outcome.calibration.value(name)
-        for name in outcome.calibration.sensor.coefficients
-        if name.partition(".")[2] in ("k1", "scale")
-    ]
-    if "refused" in severities or any(not 0.5 < scale < 2 for scale in scales):
-        return "unreliable"
-    return "reservations" if bad or "warning" in severities else "consistent"
-
-
-def suspects(outcome: Outcome) -> tuple[str, tuple[str, ...]]:
-    """Return the candidate of the smallest p-value, and those within 30° of it with itself."""
-    if hasattr(outcome.verdict, "grade"):
-        named = getattr(outcome.verdict, "suspect", None)
-        return ("", ()) if named is None else (named.name, (named.name, *named.alike))
-    scores = [score for score in outcome.estimate.scored.scores if score.dof]
-    if not scores:
-        return "", ()
-    # Far out all p-values are 0: χ² over degrees of freedom then decides.
-    best = min(scores, key=lambda score: (score.p_value, -score.chi2 / score.dof))
-    alike = tuple(score.name for score in scores if score.cosine(best) > _ALIKE)
-    return best.name, tuple(dict.fromkeys((best.name, *alike)))
+def suspects(outcome: Outcome) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the names of the suspect and its components, and of those it cannot be told from."""
+    suspect = outcome.verdict.suspect
+    if suspect is None:
+        return (), ()
+    members = {score.name: score.components for score in outcome.estimate.scored.scores}
+    alike = [part for name in suspect.alike for part in (name, *members.get(name, ()))]
+    first = (suspect.name, *suspect.components)
+    return first, (*first, *alike)
 
 
 def _nees(outcome: Outcome, truth: dict[str, float]) -> float:

@@ -141,7 +141,7 @@ def _across(u: Array) -> Array:
     """Return two unit vectors across each of u (n, 3): (n, 2, 3)."""
     first = np.cross(u, np.eye(3)[np.argmin(np.abs(u), axis=-1)])
     first /= np.linalg.norm(first, axis=-1, keepdims=True)
-    return np.stack([first, np.cross(u, first)], axis=1)
+    return np.asarray(np.stack([first, np.cross(u, first)], axis=1), dtype=float)
 
 
 def _triangular(bias: float, scale: float, cross: float) -> dict[str, Unknown]:
