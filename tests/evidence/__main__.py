@@ -1,7 +1,7 @@
 """Count what inercal says of violations of known visibility, and write the tables.
 
 `python -m tests.evidence` works out all cells and the base cases, method by method, and writes each
-in the place of what is stored; `--methods` chooses some methods. With `--cells`, or fewer devices,
+in the place of what is stored; `--methods` chooses some methods. With `--cells`, `--at`, or fewer devices,
 the tables are printed and not written.
 """
 
@@ -28,6 +28,7 @@ def main(arguments: list[str]) -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.evidence", description=__doc__)
     parser.add_argument("--methods", nargs="*", default=list(CASES), choices=list(CASES))
     parser.add_argument("--cells", default="", help="text that a violation's name holds")
+    parser.add_argument("--at", default="", help='"5 u", "η = 6" or "as it is"')
     parser.add_argument("--devices", type=int, default=DEVICES)
     parser.add_argument("--base", type=int, default=BASE_DEVICES, help="devices of each base seed")
     parser.add_argument("--processes", type=int, default=cpu_count())
@@ -36,12 +37,19 @@ def main(arguments: list[str]) -> None:
         cell
         for name in chosen.methods
         for cell in (
-            *(bases_of(name, chosen.base) if chosen.base and not chosen.cells else ()),
+            *(
+                bases_of(name, chosen.base)
+                if chosen.base and not (chosen.cells or chosen.at)
+                else ()
+            ),
             *cells_of(name, devices=chosen.devices),
         )
-        if chosen.cells in cell.violation
+        if chosen.cells in cell.violation and chosen.at in cell.at
     ]
-    whole = not chosen.cells and (chosen.devices, chosen.base) == (DEVICES, BASE_DEVICES)
+    whole = not (chosen.cells or chosen.at) and (chosen.devices, chosen.base) == (
+        DEVICES,
+        BASE_DEVICES,
+    )
     counted: dict[Cell, Count] = {}
     for name in chosen.methods:
         of_method = work([cell for cell in cells if cell.case == name], chosen.processes)
@@ -49,7 +57,7 @@ def main(arguments: list[str]) -> None:
             store.write(of_method)
         print(tables_of.text(of_method), flush=True)
         counted |= of_method
-    if not chosen.cells:
+    if not (chosen.cells or chosen.at):
         print(tables_of.summary(counted))
 
 

@@ -224,7 +224,7 @@ class Case:
     def eta_of_gross(self, violation: Violation) -> float:
         """Return η of a mistake without a size, by the linear model: where large, only that."""
         assert violation.gross is not None
-        if violation.symmetric or not self.shape:
+        if violation.symmetric or violation.change or not self.shape:
             return 0.0 if violation.symmetric else np.nan
         plain = self.readings({})
         changed = violation.gross(plain.reshape(self.shape)).ravel()

@@ -249,6 +249,22 @@ def decimal_shift(row: int) -> Violation:
     return Violation("decimal shift in one row", gross=change)
 
 
+def same(y: Array) -> Array:
+    """Return the readings as they are: what is wrong is in how they were made."""
+    return y
+
+
+def constant(axis: int) -> Violation:
+    """Return a channel that reads the same throughout."""
+
+    def change(y: Array) -> Array:
+        y = y.copy()
+        y[..., axis] = y[..., 0, axis]
+        return y
+
+    return Violation("constant channel", gross=change)
+
+
 def dead(axis: int) -> Violation:
     """Return a channel that reads zero throughout."""
 

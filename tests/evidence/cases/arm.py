@@ -152,6 +152,7 @@ def centrifuge_norm() -> Case:
         sensors.wrong_unit(1 / G0),
         sensors.decimal_shift(2),
         sensors.dead(2),
+        sensors.constant(2),
     )
     return Case(
         "centrifuge_norm",

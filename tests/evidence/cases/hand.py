@@ -88,6 +88,7 @@ GROSS = (
     sensors.wrong_unit(1 / G0, slice(0, 3)),
     sensors.decimal_shift(2),
     sensors.dead(2),
+    sensors.constant(2),
 )
 
 _SIX = """\

@@ -238,6 +238,7 @@ def _case(
         sensors.wrong_unit(1 / G0),
         sensors.decimal_shift(2),
         sensors.dead(m - 1),
+        sensors.constant(m - 1),
     )
     return Case(method, unknowns, readings, noise, violations, files, (rows, m), labels, rivals)
 

@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 from tests.accuracy import handheld
 from tests.accuracy.generator import Imu
 from tests.evidence import sensors
@@ -25,6 +26,14 @@ def npz(**columns: NDArray[np.generic]) -> bytes:
     raw = io.BytesIO()
     np.savez(raw, **columns)  # pyright: ignore[reportArgumentType]
     return raw.getvalue()
+
+
+def _slow(rng: np.random.Generator, n: int, hz: float) -> Array:
+    """Return noise of unit deviation with a memory of a second, (n, 3)."""
+    kept = np.exp(-1 / hz)
+    white = np.sqrt(1 - kept**2) * rng.standard_normal((n, 3))
+    white[0] = rng.standard_normal(3)
+    return np.asarray(lfilter([1.0], [1.0, -kept], white, axis=0), dtype=float)
 
 
 _SIX = """\
@@ -79,6 +88,8 @@ def six_position() -> Case:
         rest = np.repeat(np.arange(6), n)
         y = at(v, time, rest)
         y = y + WHITE_A * np.sqrt(hz) * rng.standard_normal(y.shape)
+        if v.get("slow", 0.0):
+            y = y + v["slow"] * _slow(rng, len(y), hz)
         if gross is not None and gross.gross is not None:
             y = gross.gross(y)
         names = np.array(list(hand.FACES))[rest]
@@ -96,6 +107,7 @@ def six_position() -> Case:
     more = (
         Violation("step in the middle of one rest", "mg", 1e-3 * G0, {"step": 1.0}, ("x_p",), 1e3),
         Violation("clipping at 1 g", gross=clipped),
+        Violation("slow noise, 0.5 mg of 1 s", change={"slow": 5e-4 * G0}, gross=sensors.same),
     )
     left_out = sensors.of_accelerometers("k2", "k3", "k1_prime", "drift")
     gross = (
@@ -103,6 +115,7 @@ def six_position() -> Case:
         sensors.reversed_axis(1),
         sensors.wrong_unit(G0),
         sensors.dead(2),
+        sensors.constant(2),
     )
     violations = (*bench, *more, *left_out, *gross)
     return Case(
@@ -201,6 +214,7 @@ def multi_position_means() -> Case:
         sensors.wrong_unit(1 / G0),
         sensors.decimal_shift(2),
         sensors.dead(2),
+        sensors.constant(2),
     )
     shape = (POSITIONS, 3)
     labels = tuple(f"r{k + 1:02d}" for k in range(POSITIONS))
@@ -327,6 +341,8 @@ def multi_position() -> Case:
         start, stop = made.rests[0]
         y[(start + stop) // 2 : stop, 0] += v.get("step", 0.0)
         y += np.repeat([WHITE_A, WHITE_G], 3) * np.sqrt(hz) * rng.standard_normal(y.shape)
+        if v.get("slow", 0.0):
+            y[:, :3] += v["slow"] * _slow(rng, len(y), hz)
         if gross is not None and gross.gross is not None:
             y = gross.gross(y)
         columns = {f"a{a}": y[:, k] / G0 for k, a in enumerate("xyz")}
@@ -369,10 +385,12 @@ def multi_position() -> Case:
         Violation("step in the middle of one rest", "mg", 1e-3 * G0, {"step": 1.0}, (), 1e3),
         *sensors.of_accelerometers("k2", "k3", "k1_prime", "drift", counted=_ALSO),
         *sensors.of_gyros("g", "scale_prime", "drift"),
+        Violation("slow noise, 0.5 mg of 1 s", change={"slow": 5e-4 * G0}, gross=sensors.same),
         sensors.swapped(0, 1),
         sensors.reversed_axis(4),
         sensors.wrong_unit(180 / np.pi, slice(3, 6)),
         sensors.dead(5),
+        sensors.constant(5),
     )
     return Case(
         "multi_position", unknowns, readings, noise, violations, files, rivals=sensors.rivals("ag")

@@ -156,6 +156,7 @@ def _case(method: str, states: tuple[State, ...], estimator: str = "") -> Case:
         sensors.wrong_unit(1 / G0),
         sensors.decimal_shift(2),
         sensors.dead(2),
+        sensors.constant(2),
     )
     return Case(
         method,

@@ -324,17 +324,14 @@ def _violations() -> tuple[Violation, ...]:
         *sensors.of_accelerometers("k2", "k3", "k1_prime", "drift", counted=_ALSO),
         *sensors.of_gyros("g", "scale_prime", "scale2", "drift"),
         Violation(
-            "bias instability ten times what is stated", change={"flicker": 9.0}, gross=_same
+            "bias instability ten times what is stated", change={"flicker": 9.0}, gross=sensors.same
         ),
         sensors.swapped(0, 1),
         sensors.reversed_axis(4),
         sensors.wrong_unit(180 / np.pi, slice(3, 6)),
         sensors.dead(5),
+        sensors.constant(5),
     )
-
-
-def _same(y: Array) -> Array:
-    return y
 
 
 def turntable_kalman() -> Case:
