@@ -1,8 +1,8 @@
 """Count what inercal says of violations of known visibility, and write the tables.
 
 `python -m tests.evidence` works out all cells and the base cases, method by method, and writes each
-in the place of what is stored; `--methods` chooses some methods. With `--cells`, `--at`, or fewer devices,
-the tables are printed and not written.
+in the place of what is stored; `--methods` chooses some methods. With `--cells`, `--at`, or fewer
+devices, the tables are printed and not written.
 """
 
 import argparse

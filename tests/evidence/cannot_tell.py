@@ -83,16 +83,11 @@ class Line:
     violation: Violation
     seen: Visibility
 
-    @property
-    def shows(self) -> float:
-        """Size at which η is 6; infinite beyond what anybody would need a test for."""
-        return self.seen.at_six if self.seen.at_six <= self.violation.most else math.inf
-
 
 def lines(name: str) -> Iterator[Line]:
     """Yield the causes of a case whose η is below 6 where they shift a coefficient by 5 u."""
     for violation, seen in visibilities(name).values():
-        if seen.at_five <= violation.most and seen.eta_at_five < VISIBLE:
+        if math.isfinite(seen.at_five) and seen.eta_at_five < VISIBLE:
             yield Line(name, violation, seen)
 
 
@@ -116,8 +111,8 @@ def text() -> str:
                     f"{_two(line.seen.at_five)} {line.violation.unit} ({line.seen.coefficient})",
                     _two(line.seen.eta_at_five) if line.seen.eta_at_five > 5e-3 else "0",
                     "never"
-                    if math.isinf(line.shows)
-                    else f"{_two(line.shows)} {line.violation.unit}",
+                    if math.isinf(line.seen.at_six)
+                    else f"{_two(line.seen.at_six)} {line.violation.unit}",
                     line.violation.counted,
                 )
             )

@@ -63,7 +63,7 @@ class Cell:
 
     @property
     def visible(self) -> bool:
-        return self.eta >= VISIBLE * (1 - 1e-9)
+        return self.eta >= VISIBLE
 
 
 @dataclass(frozen=True)
@@ -149,9 +149,10 @@ def cells_of(name: str, seed: int = 1, devices: int = DEVICES) -> Iterator[Cell]
             continue
         seen = visibilities(name)[violation.name][1]
         apart = nearest(name, violation.name)
-        for at, size in ((FIVE_U, seen.at_five), (ETA_SIX, seen.at_six)):
-            if size <= violation.most:
-                yield Cell(name, violation.name, at, size, seen.eta * size, apart, seed, devices)
+        sizes = ((FIVE_U, seen.at_five, seen.eta_at_five), (ETA_SIX, seen.at_six, VISIBLE))
+        for at, size, eta in sizes:
+            if math.isfinite(size):
+                yield Cell(name, violation.name, at, size, eta, apart, seed, devices)
 
 
 def bases_of(name: str, devices: int = BASE_DEVICES) -> Iterator[Cell]:

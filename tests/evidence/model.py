@@ -24,6 +24,7 @@ Values = Mapping[str, float]
 Files = Mapping[str, str | bytes]
 Role = Literal["coefficient", "bench", "open"]
 G0 = 9.80665  # m/s², exact (CGPM 1901)
+_STEPS, _CLOSE = 20, 1e-3  # of the search for a size
 _OPEN = 1e-9  # least share of a column that counts as seen
 
 
@@ -70,6 +71,8 @@ class Violation:
         Where the data cannot show it: what counts it in U, or what the report prints.
     symmetric : bool
         Of a mistake without a size: whether the readings are those of another device, exactly.
+    followed : bool
+        Whether an estimator follows it beyond the first order, so that only this counts.
     """
 
     name: str
@@ -81,43 +84,38 @@ class Violation:
     gross: Callable[[Array], Array] | None = None
     counted: str = ""
     symmetric: bool = False
+    followed: bool = False
 
 
 @dataclass(frozen=True)
 class Visibility:
-    """What one unit of a violation does.
+    """What a violation does.
 
     Parameters
     ----------
     eta : float
-        Norm of the residual that is left.
+        Norm of the residual that one unit leaves, to first order.
     shift : float
-        Largest shift of a coefficient over its standard uncertainty.
+        Largest shift of a coefficient by one unit over its standard uncertainty, to first order.
     coefficient : str
         Which one that is.
     left : (m,) array
         The residual itself.
+    at_five : float
+        Size at which a coefficient is shifted by 5 u; infinite if none within reach does.
+    at_six : float
+        Size at which η is 6; infinite if none within reach does.
+    eta_at_five : float
+        η at the size that shifts a coefficient by 5 u.
     """
 
     eta: float
     shift: float
     coefficient: str
     left: Array
-
-    @property
-    def at_five(self) -> float:
-        """Size at which a coefficient is shifted by 5 u; infinite if it shifts none."""
-        return 5.0 / self.shift if self.shift > 0 else np.inf
-
-    @property
-    def at_six(self) -> float:
-        """Size at which η is 6; infinite if the residuals never show it."""
-        return 6.0 / self.eta if self.eta > 0 else np.inf
-
-    @property
-    def eta_at_five(self) -> float:
-        """η at the size that shifts a coefficient by 5 u."""
-        return self.eta * self.at_five if np.isfinite(self.at_five) else np.inf
+    at_five: float
+    at_six: float
+    eta_at_five: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,7 +200,11 @@ class Case:
         return dict(zip(self.unknowns, self._factor[2].tolist(), strict=True))
 
     def visibility(self, violation: Violation) -> Visibility:
-        """Return what one unit of a violation does, to first order."""
+        """Return what a violation does: one unit to first order, and the sizes of 5 u and η = 6.
+
+        The violation itself need not act in proportion to its size; what the fit takes up of it is
+        that of the linear problem.
+        """
         q, back, sd = self._factor
         names = list(self.unknowns)
         step = min((self.unknowns[n].sd for n in violation.change if n in names), default=None)
@@ -219,7 +221,35 @@ class Case:
         # A violation of a coefficient that is estimated is none: it moves what is to be found.
         own = [k for k, n in enumerate(names) if self.unknowns[n].role == "coefficient"]
         worst = max(own, key=lambda k: shift[k])
-        return Visibility(eta, float(shift[worst]), names[worst], left)
+        most = float(shift[worst])
+        plain = self._whitened(self.readings({}))
+
+        def effect(size: float) -> tuple[float, float]:
+            """Return η and the largest shift in u of a size."""
+            values = {n: size * violation.si * c for n, c in violation.change.items()}
+            change = np.zeros(len(q))
+            change[: plain.size] = self._whitened(self.readings(values)) - plain
+            into = q.T @ change
+            rest = float(np.linalg.norm(change - q @ into))
+            return rest, float(np.max((np.abs(back @ into) / sd)[own]))
+
+        def reached(target: float, first: float, which: int) -> float:
+            """Return the size of a target, infinite where none within reach has it."""
+            size = target / first if first > 0 else np.inf
+            for _ in range(0 if violation.followed else _STEPS):
+                if not size <= violation.most or np.isinf(size):
+                    return np.inf
+                ratio = target / effect(size)[which]
+                size *= ratio
+                if abs(ratio - 1) < _CLOSE:
+                    break
+            return size if size <= violation.most else np.inf
+
+        five, six = reached(5.0, most, 1), reached(6.0, eta, 0)
+        there = effect(five)[0] if np.isfinite(five) else np.inf
+        there = eta * five if violation.followed else there
+        there = 0.0 if eta == 0 else there
+        return Visibility(eta, most, names[worst], left, five, six, there)
 
     def eta_of_gross(self, violation: Violation) -> float:
         """Return η of a mistake without a size, by the linear model: where large, only that."""

@@ -80,12 +80,14 @@ def summary(counted: Counts) -> str:
         total = sum(one.devices for one in ones)
         return f"{sum(getattr(one, what) for one in ones) / total:.3f}" if total else "–"
 
+    gross = [one for cell, one in counted.items() if cell.at == AS_IT_IS]
     lines = [
         "| what | figure | demanded |",
         "|---|---|---|",
         "| visible violations not called consistent, pooled "
         f"| {share(visible, 'noticed')} | ≥ {SHARE} |",
         f"| visible cells below 34 of 40 | {len(missed(counted))} of {len(visible)} | 0 |",
+        f"| mistakes without a size, not called consistent, pooled | {share(gross, 'noticed')} | |",
         f"| true cause first, rivals ≥ 30° away, pooled | {share(apart, 'first')} | ≥ {NAMED} |",
         f"| true cause in the named group, nearer rivals, pooled | {share(near, 'group')} | |",
         *(

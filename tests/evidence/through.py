@@ -35,6 +35,8 @@ class Answer:
         The verdict's first line, or the refusal.
     std : mapping of str to float
         Standard uncertainty of each coefficient, SI.
+    chi : float
+        Norm of the whitened residual.
     """
 
     grade: Grade
@@ -43,6 +45,7 @@ class Answer:
     nees: float
     words: str
     std: Mapping[str, float] = field(default_factory=dict[str, float])
+    chi: float = math.nan
 
 
 def ask(files: Files, truth: dict[str, float]) -> Answer:
@@ -61,8 +64,9 @@ def ask(files: Files, truth: dict[str, float]) -> Answer:
     first, group = suspects(outcome)
     found = outcome.calibration
     std = dict(zip(found.sensor.coefficients, found.std.tolist(), strict=True))
+    chi = float(np.sqrt(np.sum(outcome.estimate.chi2)))
     nees, verdict = _nees(outcome, truth), outcome.verdict
-    return Answer(verdict.grade, first, group, nees, verdict.lines[0], std)
+    return Answer(verdict.grade, first, group, nees, verdict.lines[0], std, chi)
 
 
 def suspects(outcome: Outcome) -> tuple[tuple[str, ...], tuple[str, ...]]:
