@@ -18,9 +18,12 @@ def stored() -> list[tuple[Cell, Count]]:
     return store.read()
 
 
+@pytest.mark.slow
 def test_the_table_has_every_cell(stored: list[tuple[Cell, Count]]):
     has = {(cell.case, cell.violation, cell.at) for cell, one in stored if one.devices == DEVICES}
     for name in CASES:
+        bases = sum(one.devices for cell, one in stored if (cell.case, cell.at) == (name, BASE))
+        assert bases >= 900
         assert {(c.case, c.violation, c.at) for c in cells_of(name)} <= has
 
 
@@ -37,8 +40,7 @@ def test_base_cases_are_called_consistent(stored: list[tuple[Cell, Count]]):
         for cell, one in stored:
             if cell.case == name and cell.at == BASE:
                 whole = whole + one
-        assert whole.devices >= 900
-        assert whole.noticed <= 18, name
+        assert whole.noticed <= 0.02 * whole.devices, name
 
 
 @pytest.mark.slow
