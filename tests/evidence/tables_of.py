@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 
-from tests.evidence.cells import APART, AS_IT_IS, BASE, Cell, Count, case
+from tests.evidence.cells import APART, AS_IT_IS, BASE, CASES, Cell, Count, case
 
 FEWEST, SHARE, NAMED, FALSE = 34 / 40, 0.95, 0.8, 18 / 900
 _HEAD = (
@@ -60,16 +60,25 @@ def missed(counted: Counts) -> list[tuple[Cell, Count]]:
 
 def summary(counted: Counts) -> str:
     """Return the demands with their figures."""
+    named = {
+        (name, v.name) for name in CASES for v in case(name).violations if v.suspects
+    }  # of the others the sensor's model and the bench have no quantity
     visible = [one for cell, one in counted.items() if cell.visible and cell.at != BASE]
     apart = [
         one
         for cell, one in counted.items()
-        if cell.visible and cell.at not in (BASE, AS_IT_IS) and cell.apart >= APART
+        if cell.visible
+        and cell.at not in (BASE, AS_IT_IS)
+        and cell.apart >= APART
+        and (cell.case, cell.violation) in named
     ]
     near = [
         one
         for cell, one in counted.items()
-        if cell.visible and cell.at not in (BASE, AS_IT_IS) and cell.apart < APART
+        if cell.visible
+        and cell.at not in (BASE, AS_IT_IS)
+        and cell.apart < APART
+        and (cell.case, cell.violation) in named
     ]
     base: dict[str, Count] = {}
     for cell, one in counted.items():

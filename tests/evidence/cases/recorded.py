@@ -300,7 +300,8 @@ def multi_position() -> Case:
     def readings(v: Values) -> Array:
         clock = 1 - v.get("timebase", 0.0)
         g = (hand.GRAVITY + v.get("g", 0.0)) / hand.GRAVITY
-        more = EARTH * np.cos(hand.LATITUDE) * v.get("latitude", 0.0)
+        phi = hand.LATITUDE + v.get("latitude", 0.0)
+        more = EARTH * (np.sin(phi) - np.sin(hand.LATITUDE))
         parts: list[Array] = []
         lean = np.array([[v.get(f"aim{j}[{k}]", 0.0) for j in (1, 2)] for k in range(POSITIONS)])
         middles = np.array([[(3 * a + b) / 4, (a + 3 * b) / 4] for a, b in rests]) / hz

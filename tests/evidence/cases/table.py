@@ -144,7 +144,7 @@ def _case(method: str, states: tuple[State, ...], estimator: str = "") -> Case:
             "°",
             DEGREE,
             {"lean": 1.0},
-            (),
+            ("lean", "lean_1"),
             45,
             None,
             "[bench] lean",
