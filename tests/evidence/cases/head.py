@@ -28,7 +28,6 @@ gravity = "9.80123 m/s² ± 5 µm/s²"
 harmonics = ["{h1} ″", "{h2} ″"]
 division = "{division} ″"
 autocollimation = "{collimation}"
-autocollimator = "0.1 ″"
 base = "5 ″"
 pier = "0.02 ″"
 creep = "0 ″"
@@ -107,7 +106,7 @@ def _case(
         text = '[sensor]\nname = "pair"\n[sensor.accelerometer]\nunit = "V"\nscale = "3 V/g"\n'
         collimation = "pairs" if pairs else "none"
         text += _BENCH.format(h1=h1, h2=h2, division=division, collimation=collimation)
-        text += 'certificate = "0 ″"\n' * pairs
+        text += 'autocollimator = "0.1 ″"\ncertificate = "0 ″"\n' * pairs
         columns = ", ".join(f'"{axis}"' for axis in axes)
         text += _DATA.format(columns=columns, noise=noise_ug)
         text += f'[method]\nname = "{method}"\n' + (_PAIR_PRIORS if m > 1 else "")

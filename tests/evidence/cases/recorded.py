@@ -141,6 +141,7 @@ accelerometer = "30 µg"
 name = "multi_position"
 """
 POSITIONS = 24
+CUT = 0.45  # s of a rest at each end that finding it costs
 _ALSO = {name: f'also = ["{name}"]' for name in ("k2", "k3")}
 
 
@@ -279,8 +280,8 @@ def _product(turns: Array) -> Array:
 def multi_position() -> Case:
     """Return a recording of an IMU in 24 attitudes that nobody knows.
 
-    η is that of a thinned problem: mean readings of halves of each rest, and the direction up as
-    gyros carry it from one rest to the next.
+    η is that of a thinned problem: mean readings of halves of each rest, as far as it is found, and
+    the direction up as gyros carry it from one rest to the next.
     """
     hz = _SESSION.rate_hz
     path = handheld.record(_IDEAL, _SESSION, np.random.default_rng(7), ups=_ups())
@@ -288,7 +289,7 @@ def multi_position() -> Case:
     ups = path.ups[0]
     across = _across(ups)
     run = len(data) / hz
-    hold = (rests[0][1] - rests[0][0]) / hz
+    hold = (rests[0][1] - rests[0][0]) / hz - 2 * CUT
     ways = [(a[1], b[0]) for a, b in pairwise(rests)]
     exact = [_product(_expm(data[a:b, 3:] / hz)) for a, b in ways]
     # The attitude of each rest, body to a frame that stands: up is its third axis.
@@ -325,7 +326,7 @@ def multi_position() -> Case:
 
     one = np.sqrt(hold / 2)
     sd = [np.repeat([WHITE_A / one, WHITE_G / one], 6)] * POSITIONS
-    sd += [np.full(2, WHITE_G * np.sqrt((b - a) / hz)) for a, b in ways]
+    sd += [np.full(2, WHITE_G * np.sqrt((b - a) / hz + 2 * CUT)) for a, b in ways]
     noise = np.concatenate(sd)
 
     def files(v: Values, rng: np.random.Generator, gross: Violation | None) -> Files:
