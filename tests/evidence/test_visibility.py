@@ -24,7 +24,12 @@ from tests.evidence.through import ask
 
 Array = NDArray[np.float64]
 X = np.linspace(-1, 1, 5)
-SLOW = ("turntable_discrete", "turntable_kalman", "turntable_trajectory")
+SLOW = (
+    "multi_position, recorded",
+    "turntable_discrete",
+    "turntable_kalman",
+    "turntable_trajectory",
+)
 
 
 def line(prior: float | None = None) -> Case:
@@ -100,7 +105,10 @@ def test_without_noise_the_residual_of_the_estimator_has_the_norm_that_is_comput
         assert ask(files, {}).chi == pytest.approx(VISIBLE, rel=0.03), violation.name
 
 
-@pytest.mark.parametrize("name", [n for n in CASES if n.partition(",")[0] == n and n not in SLOW])
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=pytest.mark.slow if n in SLOW else ()) for n in CASES],
+)
 def test_the_linear_problem_has_the_uncertainties_of_the_estimator(name: str):
     """The η of another problem than the one that is solved would say nothing."""
     here, cell = case(name), Cell(name, "", BASE, 0.0, 0.0, 90.0, 1, 1)

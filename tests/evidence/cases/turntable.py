@@ -13,6 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 from tests.accuracy.turntable import TEN, Stand, Table, Turn, about, travel
 from tests.evidence import sensors
 from tests.evidence.cases.recorded import npz
@@ -136,38 +137,49 @@ def read(v: Values, true: Array, speed: Array) -> Array:
 
 
 def flicker_variance(size: float) -> float:
-    """Return the variance of each of the processes whose sum has the Allan floor of `size`."""
-    return size**2 * np.log(TIMES[1] / TIMES[0]) / (2 * np.pi)
+    """Return the variance of each of the processes whose sum has the Allan floor of `size`.
+
+    Flicker h/f (one-sided) has the Allan variance 2 ln 2 h, and B the floor √(2 ln 2/π) B (IEEE Std
+    952, annex C): h = B²/π. Processes of variance σ² at times of ratio r sum to σ²/(ln r f).
+    """
+    return size**2 * np.log(TIMES[1] / TIMES[0]) / np.pi
 
 
 def flicker(rng: np.random.Generator, n: int, hz: float, size: float) -> Array:
-    """Return flicker noise (n, 3), as a sum of Gauss–Markov processes."""
-    from scipy.signal import lfilter
+    """Return flicker noise (n, 3) about its mean, as a sum of Gauss–Markov processes.
 
+    The bias of a run is the mean of what drifts over it: flicker has no other.
+    """
     made = np.zeros((n, 3))
     for tau in TIMES:
         kept = np.exp(-1 / (hz * tau))
         noise = np.sqrt(1 - kept**2) * rng.standard_normal((n, 3))
         noise[0] = rng.standard_normal(3)
-        made += np.sqrt(flicker_variance(size)) * np.asarray(
-            lfilter([1.0], [1.0, -kept], noise, axis=0)
-        )
-    return made
+        one = np.asarray(lfilter([1.0], [1.0, -kept], noise, axis=0), dtype=float)
+        made += np.sqrt(flicker_variance(size)) * one
+    return made - made.mean(axis=0)
 
 
-def covariance(start: Array, stop: Array, white: float, size: float) -> Array:
-    """Return the covariance (r, r) of means over intervals that do not overlap."""
-    length = stop - start
-    made = np.diag(white**2 / length)
-    gap = np.maximum(start[:, None] - stop[None, :], start[None, :] - stop[:, None])
+def covariance(start: Array, stop: Array, white: float, size: float, run: float) -> Array:
+    """Return the covariance (r, r) of means over intervals: white noise and flicker.
+
+    Of a process of covariance C the means over a to b and c to d have
+    (G(d − a) + G(c − b) − G(d − b) − G(c − a))/((b − a)(d − c)), G″ = C; flicker is that about its
+    mean over the run.
+    """
+    a, b = np.append(start, 0.0)[:, None], np.append(stop, run)[:, None]
+    c, d = a.T, b.T
+    whole = np.zeros((len(start) + 1,) * 2)
     for tau in TIMES:
-        part = tau * -np.expm1(-length / tau)
-        across = np.outer(part, part) * np.exp(-np.maximum(gap, 0) / tau)
-        across /= np.outer(length, length)
-        own = 2 * tau**2 * (length / tau + np.expm1(-length / tau)) / length**2
-        np.fill_diagonal(across, own)
-        made += flicker_variance(size) * across
-    return made
+
+        def g(u: Array, tau: float = tau) -> Array:
+            return tau * np.abs(u) + tau**2 * np.expm1(-np.abs(u) / tau)
+
+        whole += (g(d - a) + g(c - b) - g(d - b) - g(c - a)) / ((b - a) * (d - c))
+    about = np.eye(len(start), len(start) + 1)
+    about[:, -1] = -1.0
+    made = flicker_variance(size) * about @ whole @ about.T
+    return np.asarray(made + np.diag(white**2 / (stop - start)), dtype=float)
 
 
 @cache
@@ -230,8 +242,9 @@ def _case(method: str, which: str, *, whole_turns: bool = False) -> Case:
         y[0, 0] += v.get("step", 0.0)
         return np.concatenate([y[held, :3].T.ravel(), y[:, 3:].T.ravel()])
 
-    a = covariance(start[held], stop[held], WHITE_A, FLICKER_A)
-    w = covariance(start, stop, WHITE_G, FLICKER_G)
+    run = n / HZ
+    a = covariance(start[held], stop[held], WHITE_A, FLICKER_A, run)
+    w = covariance(start, stop, WHITE_G, FLICKER_G, run)
     noise = np.zeros((3 * (len(a) + len(w)),) * 2)
     at = 0
     for block in (a, a, a, w, w, w):
