@@ -11,7 +11,7 @@ export PYTHONDONTWRITEBYTECODE :=
 # One process a core; one that is done takes tests from the others.
 SIDE_BY_SIDE := --numprocesses auto --dist worksteal
 
-.PHONY: help demo test slow check bench lock format clean
+.PHONY: help demo test slow check bench evidence lock format clean
 help:
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
 
@@ -42,6 +42,9 @@ check: $(INSTALLED)  ## format, lint, types, layers, tests, doctests, examples
 
 bench: $(INSTALLED)  ## speed against a peer, measured in one run
 	$(BIN)/python -m benchmarks
+
+evidence: $(INSTALLED)  ## what verdicts say of violations of known visibility: the full table, about an hour
+	$(BIN)/python -m tests.evidence
 
 format: $(INSTALLED)  ## mend format and lint
 	$(BIN)/ruff format .

@@ -1,0 +1,78 @@
+"""Count what inercal says of violations of known visibility, and write the tables.
+
+`python -m tests.evidence` works out all cells and the base cases, method by method, and writes each
+in the place of what is stored; `--methods` chooses some methods. With `--cells`, `--at`, or fewer
+devices, the tables are printed and not written.
+"""
+
+import argparse
+import sys
+from multiprocessing import Pool, cpu_count
+
+from tests.evidence import store, tables_of
+from tests.evidence.cells import (
+    BASE_DEVICES,
+    CASES,
+    DEVICES,
+    Cell,
+    Count,
+    bases_of,
+    cells_of,
+    count,
+    split,
+)
+
+
+def main(arguments: list[str]) -> None:
+    """Work out the cells and write or print them."""
+    parser = argparse.ArgumentParser(prog="python -m tests.evidence", description=__doc__)
+    parser.add_argument("--methods", nargs="*", default=list(CASES), choices=list(CASES))
+    parser.add_argument("--cells", default="", help="text that a violation's name holds")
+    parser.add_argument("--at", default="", help='"5 u", "η = 6" or "as it is"')
+    parser.add_argument("--devices", type=int, default=DEVICES)
+    parser.add_argument("--base", type=int, default=BASE_DEVICES, help="devices of each base seed")
+    parser.add_argument("--processes", type=int, default=cpu_count())
+    chosen = parser.parse_args(arguments)
+    cells = [
+        cell
+        for name in chosen.methods
+        for cell in (
+            *(
+                bases_of(name, chosen.base)
+                if chosen.base and not (chosen.cells or chosen.at)
+                else ()
+            ),
+            *cells_of(name, devices=chosen.devices),
+        )
+        if chosen.cells in cell.violation and chosen.at in cell.at
+    ]
+    whole = not (chosen.cells or chosen.at) and (chosen.devices, chosen.base) == (
+        DEVICES,
+        BASE_DEVICES,
+    )
+    counted: dict[Cell, Count] = {}
+    for name in chosen.methods:
+        of_method = work([cell for cell in cells if cell.case == name], chosen.processes)
+        if whole:
+            store.write(of_method)
+        print(tables_of.text(of_method), flush=True)
+        counted |= of_method
+    if not (chosen.cells or chosen.at):
+        print(tables_of.summary(counted))
+
+
+def work(cells: list[Cell], processes: int) -> dict[Cell, Count]:
+    """Return the counts of cells, worked out side by side."""
+    parts = [part for cell in cells for part in split(cell)]
+    counted = {cell: Count() for cell in cells}
+    with Pool(processes) as pool:
+        done = pool.imap(count, parts)
+        for k, ((cell, _), one) in enumerate(zip(parts, done, strict=True), start=1):
+            counted[cell] = counted[cell] + one
+            if sys.stderr.isatty():
+                print(f"\r{k} of {len(parts)}", end="", file=sys.stderr, flush=True)
+    return counted
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,54 @@
+"""The stored table of violations: what it demands, and a sample worked out again."""
+
+import numpy as np
+import pytest
+from tests.evidence import store, tables_of
+from tests.evidence.cells import BASE, CASES, DEVICES, Cell, Count, cells_of, count
+
+# Chance is the same by its seed. Another processor or library rounds otherwise, and a p-value
+# within 1e-6 of the level is then on the other side: in 40 devices that is one at most; one more
+# is slack.
+ROUNDED = 2
+SAMPLE = 24
+CHEAP = tuple(n for n in CASES if not n.startswith("turntable") and n != "multi_position, recorded")
+
+
+@pytest.fixture(scope="module")
+def stored() -> list[tuple[Cell, Count]]:
+    return store.read()
+
+
+@pytest.mark.slow
+def test_the_table_has_every_cell(stored: list[tuple[Cell, Count]]):
+    has = {(cell.case, cell.violation, cell.at) for cell, one in stored if one.devices == DEVICES}
+    for name in CASES:
+        bases = sum(one.devices for cell, one in stored if (cell.case, cell.at) == (name, BASE))
+        assert bases >= 900
+        assert {(c.case, c.violation, c.at) for c in cells_of(name)} <= has
+
+
+def test_no_visible_violation_is_called_consistent(stored: list[tuple[Cell, Count]]):
+    table = dict(stored)
+    assert [f"{c.case}: {c.violation} {c.at}" for c, _ in tables_of.missed(table)] == []
+    visible = [one for cell, one in stored if cell.visible]
+    assert sum(o.noticed for o in visible) >= 0.95 * sum(o.devices for o in visible)
+
+
+def test_base_cases_are_called_consistent(stored: list[tuple[Cell, Count]]):
+    for name in CASES:
+        whole = Count()
+        for cell, one in stored:
+            if cell.case == name and cell.at == BASE:
+                whole = whole + one
+        assert whole.noticed <= 0.02 * whole.devices, name
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("k", range(SAMPLE))
+def test_a_sample_of_the_table_comes_out_as_stored(stored: list[tuple[Cell, Count]], k: int):
+    own = [(c, one) for c, one in stored if c.case in CHEAP and c.at != BASE]
+    chosen = np.random.default_rng(19).permutation(len(own))[k]
+    cell, before = own[chosen]
+    now = count((cell, range(cell.devices)))
+    for what in ("noticed", "refused", "first", "group"):
+        assert abs(getattr(now, what) - getattr(before, what)) <= ROUNDED, (cell, what)

@@ -1,0 +1,88 @@
+"""What a generator made, handed to inercal, and what inercal says of it."""
+
+import math
+import tempfile
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from tests.evidence.model import Files
+
+from inercal.errors import InercalError
+from inercal.pipeline import Outcome, calibrate
+
+Grade = Literal["consistent", "reservations", "unreliable", "refused"]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The verdict in short.
+
+    Parameters
+    ----------
+    grade : str
+        Of the three, or that the data were refused.
+    first : tuple of str
+        Names of the suspect and of its components; empty without a suspect.
+    group : tuple of str
+        These and the candidates that the data cannot tell from it.
+    nees : float
+        (error)ᵀ covariance⁻¹ (error) over the number of coefficients; NaN where refused.
+    words : str
+        The verdict's first line, or the refusal.
+    std : mapping of str to float
+        Standard uncertainty of each coefficient, SI.
+    chi : float
+        Norm of the whitened residual.
+    """
+
+    grade: Grade
+    first: tuple[str, ...]
+    group: tuple[str, ...]
+    nees: float
+    words: str
+    std: Mapping[str, float] = field(default_factory=dict[str, float])
+    chi: float = math.nan
+
+
+def ask(files: Files, truth: dict[str, float]) -> Answer:
+    """Return what inercal makes of a run's files; `truth` are coefficients by name, SI."""
+    with tempfile.TemporaryDirectory() as folder:
+        for name, content in files.items():
+            raw = content.encode() if isinstance(content, str) else content
+            (Path(folder) / name).write_bytes(raw)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                outcome = calibrate(Path(folder) / "run.toml")
+        except InercalError as error:
+            words = str(error).replace(folder, "")
+            return Answer("refused", (), (), math.nan, words)
+    first, group = suspects(outcome)
+    found = outcome.calibration
+    std = dict(zip(found.sensor.coefficients, found.std.tolist(), strict=True))
+    chi = float(np.sqrt(np.sum(outcome.estimate.chi2)))
+    nees, verdict = _nees(outcome, truth), outcome.verdict
+    return Answer(verdict.grade, first, group, nees, verdict.lines[0], std, chi)
+
+
+def suspects(outcome: Outcome) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the names of the suspect and its components, and of those it cannot be told from."""
+    suspect = outcome.verdict.suspect
+    if suspect is None:
+        return (), ()
+    members = {score.name: score.components for score in outcome.estimate.scored.scores}
+    alike = [part for name in suspect.alike for part in (name, *members.get(name, ()))]
+    first = (suspect.name, *suspect.components)
+    return first, (*first, *alike)
+
+
+def _nees(outcome: Outcome, truth: dict[str, float]) -> float:
+    calibration = outcome.calibration
+    names = calibration.sensor.coefficients
+    error = calibration.values - np.array([truth.get(name, 0.0) for name in names])
+    weighed = np.linalg.solve(calibration.covariance, error)
+    return float(error @ weighed) / len(names)
