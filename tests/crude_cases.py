@@ -6,7 +6,7 @@ One standard deviation: 8 % of scale, .05 of cross-axis, .15 g of bias. Gyros th
 from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,14 +32,17 @@ def matrix(rng: np.random.Generator) -> Array:
     return made
 
 
-def device(rng: np.random.Generator, **noise: float) -> Imu:
+def device(
+    rng: np.random.Generator, white_a: float = 100e-6 * G0, white_g: float = 0.005 * DEGREE
+) -> Imu:
     return Imu(
         matrix(rng),
         BIAS * G0 * rng.standard_normal(3),
         matrix(rng),
         GYRO_BIAS * rng.standard_normal(3),
         np.zeros((3, 3)),
-        **({"white_a": 100e-6 * G0, "white_g": 0.005 * DEGREE} | noise),
+        white_a=white_a,
+        white_g=white_g,
     )
 
 
@@ -51,7 +54,8 @@ def affine(matrix: Array, bias: Array) -> dict[str, float]:
 
 def write(folder: Path, text: str, truth: Mapping[str, float], **columns: object) -> Case:
     """Write a recording and its run file; columns by name."""
-    np.savez(folder / "data.npz", **{name: np.asarray(c) for name, c in columns.items()})
+    arrays: dict[str, Any] = {name: np.asarray(c) for name, c in columns.items()}
+    np.savez(folder / "data.npz", **arrays)
     (folder / "run.toml").write_text(text, encoding="utf-8")
     return Case(folder / "run.toml", truth)
 
@@ -87,8 +91,8 @@ def by_hand(folder: Path, seed: int, method: str, *, marked: bool = True) -> Cas
     rng = np.random.default_rng([seed, 606])
     imu = device(rng)
     turning = method == "ferraris"
-    made = record(imu, HANDS, rng, hold_seconds=6.0, turn_seconds=6.0, moves=True,
-                  **({} if turning else {"turns": {}}))  # fmt: skip
+    turns: dict[str, Any] = {} if turning else {"turns": {}}
+    made = record(imu, HANDS, rng, hold_seconds=6.0, turn_seconds=6.0, moves=True, **turns)
     text = SENSOR + GYRO * turning + HAND + 'gyro = ["gx", "gy", "gz"]\n' * turning
     text += 'label = "label"\nmarks = "labels"\n' * marked
     text += f'[method]\nname = "{method}"\n' + 'turn_seconds = "6 s"\n' * turning

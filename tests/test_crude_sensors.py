@@ -74,7 +74,11 @@ Mistake = Callable[[str, str], tuple[str, str]]
 @pytest.mark.parametrize("mistake", [swapped, reversed_axis, in_rad, too_small, other_unit])
 @pytest.mark.parametrize("method", ["ship_planar", "ship_multi_angle"])
 def test_mistakes_are_refused_of_crude_sensors_too(tmp_path: Path, mistake: Mistake, method: str):
-    words = {swapped: "columns' order", reversed_axis: "columns' order", in_rad: "are in rpm"}
+    words: dict[Mistake, str] = {
+        swapped: "columns' order",
+        reversed_axis: "columns' order",
+        in_rad: "are in rpm",
+    }
     estimator = "planar" if method == "ship_planar" else "joint"
     for seed in range(6):
         path = on_the_rate_table(tmp_path, seed, method, estimator).path

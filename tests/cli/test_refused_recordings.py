@@ -50,7 +50,8 @@ def session(noise: dict[str, float], seed: int = 1, leave_out: str = "") -> dict
         before = faces[face]
     data = np.concatenate(parts)
     time = np.arange(len(data)) / RATE
-    return {"time": time, **dict(zip(("ax", "ay", "az"), data.T, strict=True)), "part": labels}
+    axes = dict(zip(("ax", "ay", "az"), data.T, strict=True))
+    return {"time": time, **axes, "part": np.array(labels)}
 
 
 def write(folder: Path, columns: dict[str, np.ndarray], *changes: tuple[str, str]) -> Path:
@@ -222,4 +223,6 @@ def test_a_column_of_milliseconds_is_refused_in_a_run_file_until_its_unit_is_sta
     with pytest.raises(InercalError, match='time_unit = "ms"'):
         calibrate(write(tmp_path, columns, ('"time"', '"t_ms"')))
     run = read(write(tmp_path, columns, ('"time"', '"t_ms"\ntime_unit = "ms"')))
-    assert calibrate(run).recording.rate_hz == pytest.approx(RATE)
+    recording = calibrate(run).recording
+    assert recording is not None
+    assert recording.rate_hz == pytest.approx(RATE)

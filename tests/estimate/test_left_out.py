@@ -15,6 +15,8 @@ LOST = 4  # the epoch at which nothing is observed and the driven states begin a
 DRIVING, OBSERVED, ROW = 3, 2, 1
 COUNT = DRIVING + OBSERVED + 1  # one more is a state that departs from what was known
 
+NONE = np.zeros((0, 0))  # of the states none is wanted
+
 
 class Drawn:
     """A random system, with columns that drive its first states and columns that are observed."""
@@ -49,7 +51,7 @@ class Drawn:
         zero = np.zeros
         made = Steps(
             self.a, self.keep, self.h.copy(), zero((EPOCHS, M, N)), zero((EPOCHS, M)),
-            zero((EPOCHS, M)), np.zeros(0, dtype=np.int64), zero((EPOCHS, 0, N)),
+            zero((EPOCHS, M)), NONE, zero((EPOCHS, 0, N)),
         )  # fmt: skip
         x, p = np.zeros(N), self.prior.copy()
         for e in range(EPOCHS):
@@ -134,7 +136,7 @@ def test_observations_that_do_not_count_still_correct_the_states():
     zero = np.zeros
     steps = Steps(
         drawn.a, drawn.keep, drawn.h, zero((EPOCHS, M, N)), zero((EPOCHS, M)), zero((EPOCHS, M)),
-        np.zeros(0, dtype=np.int64), zero((EPOCHS, 0, N)),
+        NONE, zero((EPOCHS, 0, N)),
     )  # fmt: skip
     x, p = np.zeros(N), drawn.prior.copy()
     for e in range(EPOCHS):
