@@ -76,13 +76,12 @@ def channels(data: Array) -> dict[str, Array]:
 HAND = """[bench]
 gravity = "9.81 m/s² ± 0 m/s²"
 tilt = "0.1 °"
-turn_angle = "0.5 °"
-turn_tilt = "0.3 °"
-[data]
+{turning}[data]
 file = "data.npz"
 time = "time"
 accelerometer = ["ax", "ay", "az"]
 """
+TURNING = 'turn_angle = "0.5 °"\nturn_tilt = "0.3 °"\n'
 HANDS = Handling(tilt=0.1 * DEGREE, turn_angle=0.5 * DEGREE, turn_tilt=0.3 * DEGREE)
 
 
@@ -93,7 +92,12 @@ def by_hand(folder: Path, seed: int, method: str, *, marked: bool = True) -> Cas
     turning = method == "ferraris"
     turns: dict[str, Any] = {} if turning else {"turns": {}}
     made = record(imu, HANDS, rng, hold_seconds=6.0, turn_seconds=6.0, moves=True, **turns)
-    text = SENSOR + GYRO * turning + HAND + 'gyro = ["gx", "gy", "gz"]\n' * turning
+    text = (
+        SENSOR
+        + GYRO * turning
+        + HAND.format(turning=TURNING * turning)
+        + 'gyro = ["gx", "gy", "gz"]\n' * turning
+    )
     text += 'label = "label"\nmarks = "labels"\n' * marked
     text += f'[method]\nname = "{method}"\n' + 'turn_seconds = "6 s"\n' * turning
     data = channels(made.data[0][:, : 6 if turning else 3])
@@ -106,9 +110,7 @@ def six_means(folder: Path, seed: int) -> Case:
     imu = device(rng)
     made = record(imu, HANDS, rng, hold_seconds=6.0, turns={})
     data = np.array([made.data[0, a:b, :3].mean(axis=0) for a, b in made.marks.values()])
-    text = SENSOR + HAND.replace('time = "time"\n', "").replace("npz", "csv").replace(
-        'turn_angle = "0.5 °"\nturn_tilt = "0.3 °"\n', ""
-    )
+    text = SENSOR + HAND.format(turning="").replace('time = "time"\n', "").replace("npz", "csv")
     text += 'kind = "means"\nlabel = "label"\nsd.accelerometer = "41 µg"\n'
     text += '[method]\nname = "six_position"\n'
     return table(folder, text, imu.coefficients(), label=list(made.marks), **channels(data))
@@ -119,13 +121,7 @@ def in_many_positions(folder: Path, seed: int) -> Case:
     rng = np.random.default_rng([seed, 608])
     imu = handheld.triangular(device(rng))
     made = handheld.record(imu, handheld.Session(), rng)
-    text = (
-        SENSOR
-        + GYRO
-        + HAND.replace('tilt = "0.1 °"\nturn_angle = "0.5 °"\nturn_', "").replace(
-            'tilt = "0.3 °"\n', ""
-        )
-    )
+    text = SENSOR + GYRO + HAND.format(turning="").replace('tilt = "0.1 °"\n', "")
     text += 'gyro = ["gx", "gy", "gz"]\n[method]\nname = "multi_position"\n'
     truth = imu.coefficients()
     return write(folder, text, truth, time=made.time, **channels(made.data[0]))

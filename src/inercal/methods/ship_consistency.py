@@ -185,7 +185,9 @@ def consistency(
         shift = slope @ gain[:, own] @ _moved(model.matrix, columns)
         rows = -from_readings @ _moved(fitted.matrix, columns)
         whitened.append(replace(one, rows=rows, moved=shift))
-    return Consistency(chi2, dof, scored(residual, u, whitened))
+    # All of a shift is in `moved`, by the estimator's gain: none in the coordinates of U.
+    none = np.zeros((len(value), u.shape[1]))
+    return Consistency(chi2, dof, scored(residual, u, whitened, none))
 
 
 def _moved(matrix: Array, rows: Array) -> Array:

@@ -254,13 +254,13 @@ def _transition(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _turned_by_earth(settings: Settings, x: Array, a: Array) -> None:
-    """Carry φ by the azimuth as found so far, which the attitude is not integrated with."""
+    """Carry φ by the azimuth as estimated so far; the attitude is integrated with the stated one."""
     azimuth = settings.late[2]
     if azimuth < 0:
         return
     moved = np.zeros(3)
     for k in range(3):
-        moved[k] = a[k, azimuth] * x[azimuth]
+        moved[k] = a[k, azimuth] * (x[azimuth] - settings.azimuth)
         for j in range(3):
             moved[k] += a[k, j] * x[j]
     take(moved, 0, x[:3])

@@ -44,6 +44,7 @@ class Settings(NamedTuple):
     late: Indices  # (3,), where latency, clock and azimuth stand among the states; -1 is not there
     delay: float  # s, latency where it is no state
     closed: bool  # whether what is found is fed back
+    azimuth: float  # rad, that the model's earth rate is of
 
 
 class State(NamedTuple):

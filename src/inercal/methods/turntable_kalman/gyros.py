@@ -224,6 +224,7 @@ class Gyros:
                 late,
                 0.0 if late[0] >= 0 else float(self.bench.latency.value),
                 self.closed,
+                float(self.bench.azimuth.value),
             ),
             after,
             steps,
