@@ -107,7 +107,13 @@ def test_without_noise_the_residual_of_the_estimator_has_the_norm_that_is_comput
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(n, marks=pytest.mark.slow if n in SLOW else ()) for n in CASES],
+    # A recording of six positions leaves a drift open, which is in the estimator's u of biases and
+    # is no unknown here.
+    [
+        pytest.param(n, marks=pytest.mark.slow if n in SLOW else ())
+        for n in CASES
+        if n != "six_position, recorded"
+    ],
 )
 def test_the_linear_problem_has_the_uncertainties_of_the_estimator(name: str):
     """The η of another problem than the one that is solved would say nothing."""

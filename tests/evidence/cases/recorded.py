@@ -206,7 +206,7 @@ def multi_position_means() -> Case:
     unknowns |= {f"aim{j}[{k}]": Unknown(1e-3, "open") for k in range(POSITIONS) for j in (1, 2)}
     violations = (
         _GRAVITY,
-        Violation("one outlying rest", "mg", 1e-3 * G0, {"step": 1.0}, ("r01",), 1e4),
+        Violation("one outlying rest", "mg", 1e-3 * G0, {"step": 1.0}, ("r01", "ax[r01]"), 1e4),
         *sensors.of_accelerometers("k2", "k3", "k1_prime", "kip", "drift", counted=_ALSO),
         *(
             Violation(one.name, gross=one.gross, symmetric=True)
