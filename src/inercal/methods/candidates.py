@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from inercal.estimate import Candidate, Problem
 from inercal.parameters import Parameter
 from inercal.sensors import G0, SI_UNITS, Sensor
+from inercal.sensors.tables import Coefficient
 
 Array = NDArray[np.float64]
 
@@ -34,6 +35,7 @@ _COMPONENTS = ("x", "y", "z", "1", "2")
 LARGEST = 0.1
 _NATURAL = {"m/s²": G0, "(m/s²)⁻¹": 1 / G0}
 _SI = {"f": "m/s²", "w": "rad/s"}
+_BIAS = {"f": "k0", "w": "bias"}
 
 
 def extended(sensor: Sensor) -> Sensor:
@@ -98,7 +100,7 @@ def of_means(
         return [
             *of_columns(larger.observations, sensor, names, declared, column, families),
             *of_priors(sensor, told, column),
-            *(() if time is None else of_drift(larger.observations, sensor, time)),
+            *(() if time is None else of_drift(larger.observations, sensor, time, column)),
         ]
 
     return candidates
@@ -131,11 +133,11 @@ def _of_sensor(
     larger = extended(sensor)
     kinds: dict[tuple[str, str], list[str]] = {}
     for full in larger.coefficients:
-        axis, _, short = full.partition(".")
+        axis = full.partition(".")[0]
         if full in names or full not in column or not _acts(column[full]):
             continue
         measures = next(a.measures for a in sensor.axes if a.name == axis)
-        for kind in _families_of(full, families) or [short]:
+        for kind in _families_of(full, families) or [family(larger.coefficient(full))]:
             kinds.setdefault((measures, kind), []).append(full)
     together = [(kind, tuple(members)) for (_, kind), members in kinds.items() if len(members) > 1]
     alone = [(full, (full,)) for full in dict.fromkeys(chain(*kinds.values()))]
@@ -150,6 +152,11 @@ def _of_sensor(
         )
         for name, members in (*together, *alone)
     ]
+
+
+def family(line: Coefficient) -> str:
+    """Return the name under which a coefficient of all axes is tested: as [method] takes it."""
+    return line.group if line.group == "g" else line.name
 
 
 def _families_of(full: str, families: Mapping[str, Sequence[str]]) -> list[str]:
@@ -242,25 +249,27 @@ def of_rows(observations: Sequence[str], sensor: Sensor) -> list[Candidate]:
     return made
 
 
-def of_drift(observations: Sequence[str], sensor: Sensor, time: Array) -> list[Candidate]:
+def of_drift(
+    observations: Sequence[str], sensor: Sensor, time: Array, column: Mapping[str, Array]
+) -> list[Candidate]:
     """Return a drift of the biases over the run, linear in time, from its first row to its last.
 
-    Of the axes of a kind together, and of each alone. None where there is no span of time.
+    Of the axes of a kind together, and of each alone: the column of an axis's bias, times the
+    time of its rows. None where there is no span of time.
     """
     span = float(np.ptp(time))
     channels = {axis.name: axis.measures for axis in sensor.axes}
-    labels = list(dict.fromkeys(_row(label, channels) for label in observations))
+    rows = [_row(label, channels) for label in observations]
+    labels = list(dict.fromkeys(rows))
     if not span > 0 or len(labels) != len(time) or len(time) < 3:
         return []
     of_row = dict(zip(labels, (time - time.mean()) / span, strict=True))
+    ramp = np.array([of_row[row] for row in rows])
     columns: dict[str, Array] = {}
-    for channel in channels:
-        shape = np.zeros(len(observations))
-        for k, label in enumerate(observations):
-            if label.partition("[")[0] == channel:
-                shape[k] = of_row[_row(label, channels)]
-        if np.any(shape):
-            columns[channel] = shape
+    for channel, measures in channels.items():
+        bias = column.get(f"{channel}.{_BIAS[measures]}")
+        if bias is not None and _acts(bias * ramp):
+            columns[channel] = bias * ramp
     made: list[Candidate] = []
     for kind, unit in _SI.items():
         own = [channel for channel in columns if channels[channel] == kind]

@@ -62,10 +62,9 @@ def joint_problem(
         nominal = felt(bench, steps, q)
         return vectors.Felt(Motion(nominal.f), nominal.by)
 
-    # Rows of a table are numbered; only means of samples have times.
-    timed = bool(np.any(observations.samples > 1))
+    # Rows of a table without times are taken in the order in which they were measured.
     declared = bench.nuisances(steps)
-    return vectors.problem(observations, sensor, declared, motion, priors, timed=timed)
+    return vectors.problem(observations, sensor, declared, motion, priors, timed=True)
 
 
 def of_rows(

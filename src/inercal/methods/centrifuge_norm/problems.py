@@ -81,6 +81,7 @@ def by_norm(
             built.names,
             larger,
             declared,
+            observations.time,
             families=_nonorthogonality(sensor),
             told=[name for prior in priors for name in prior.names],
         ),
@@ -245,6 +246,7 @@ def by_vector(
         priors,
         dwells=dwells if own else None,
         gauges=gauges(sensor),
+        timed=True,
         families=_nonorthogonality(sensor)
         | {"misalignment": sensor.with_coefficients("misalignment").coefficients},
     )

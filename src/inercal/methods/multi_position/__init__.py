@@ -45,6 +45,10 @@ from inercal.recording import Observations
 from inercal.sensors import Sensor
 
 Array = NDArray[np.float64]
+_ALIKE = (
+    "norms at rest do not tell a reversed axis from one that is not, nor two exchanged axes: "
+    "compare the sign of each axis with its attitude in one rest"
+)
 
 
 def joint(
@@ -117,6 +121,8 @@ def _finished(rests: Rests, last: Stage, priors: Sequence[Gaussian]) -> Estimate
     estimate = last.estimate
     require_observed(estimate, rests.sensor, missing=())
     notes = (*g_sensitivity(rests, estimate), *advice(rests, estimate))
+    if rests.passages is None:
+        notes += (_ALIKE,)
     return replace(
         with_shared_drift(rests, estimate),
         notes=notes,

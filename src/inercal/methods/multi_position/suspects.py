@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.estimate import Candidate
-from inercal.methods.candidates import LARGEST
+from inercal.methods.candidates import LARGEST, family
 from inercal.methods.multi_position.chain import entering, placed
 from inercal.methods.multi_position.rests import Rests, Rows
 from inercal.methods.multi_position.rotations import affine, carried, rotations
@@ -67,11 +67,12 @@ def _of_coefficients(rests: Rests, rows: Rows, x: Array, enter: Array) -> Iterat
     kinds: dict[tuple[str, str], list[str]] = {}
     turned = _turning(rests, rows, x)
     for full in larger.coefficients:
-        name, _, short = full.partition(".")
+        name = full.partition(".")[0]
         axis = next(k for k, one in enumerate(sensor.axes) if one.name == name)
         measures = sensor.axes[axis].measures
-        family = next((word for word in _WORDS[measures] if _of(word, larger, full)), None)
-        if full in sensor.coefficients or family is None:
+        if full in sensor.coefficients or not any(
+            _of(word, larger, full) for word in _WORDS[measures]
+        ):
             continue
         alone = replace(sensor, axes=(sensor.axes[axis],), coefficients=(full,))
 
@@ -83,9 +84,9 @@ def _of_coefficients(rests: Rests, rows: Rows, x: Array, enter: Array) -> Iterat
             column += turned(axis, basis)
         if np.max(np.abs(column)) > _LEAST:
             columns[full] = column
-            kinds.setdefault((measures, short), []).append(full)
-    for (_, short), members in kinds.items():
-        together = [(short, tuple(members))] if len(members) > 1 else []
+            kinds.setdefault((measures, family(larger.coefficient(full))), []).append(full)
+    for (_, kind), members in kinds.items():
+        together = [(kind, tuple(members))] if len(members) > 1 else []
         for name, chosen in (*together, *((full, (full,)) for full in members)):
             units = tuple(SI_UNITS[larger.coefficient(full).unit] for full in chosen)
             rows_of = np.stack([columns[full] for full in chosen], axis=-1)

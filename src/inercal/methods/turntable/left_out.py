@@ -25,6 +25,7 @@ from inercal.benches.turntable_attitude import misalignment, reference
 from inercal.estimate import Candidate
 from inercal.estimate.scores import Kind
 from inercal.frames import exp_so3, log_so3
+from inercal.methods.candidates import LARGEST, family
 from inercal.methods.turntable import model
 from inercal.methods.turntable.model import Triad
 from inercal.motion import Motion
@@ -33,7 +34,6 @@ from inercal.sensors.tables import SI_UNITS, TABLES
 
 Array = NDArray[np.float64]
 MODES = 8  # cosines over the run that a slow change of a bias is described by
-LARGEST = 0.1  # of the natural size: plausible at most
 _HARMONICS = 2  # of each axis, tested at least
 _NOT_FELT = ("arm", "rotation", "temperature")  # groups of coefficients
 _UNITS = {"f": "m/s²", "w": "rad/s"}
@@ -101,7 +101,7 @@ def of_sensor(part: Triad, motion: Motion, time: Array) -> tuple[tuple[Column, .
     columns: list[Column] = []
     for full, natural in zip(larger.coefficients, larger.natural.tolist(), strict=True):
         unit = SI_UNITS[larger.coefficient(full).unit]
-        families = (full.partition(".")[2], full)
+        families = (family(larger.coefficient(full)), full)
         columns.append(Column(full, "coefficient", unit, LARGEST * natural, families))
     kind = part.sensor.axes[0].measures
     start, span = float(time[0]), float(time[-1] - time[0]) or 1.0
@@ -244,8 +244,8 @@ def families(bench: Turntable) -> dict[str, tuple[str, ...]]:
     """Return which of the table's parameters are candidates together, by the candidate's name."""
     found: dict[str, tuple[str, ...]] = {}
     for one in bench.parameters:
-        for family in _bench(one.name, one.unit).families:
-            found[family] = (*found.get(family, ()), one.name)
+        for name in _bench(one.name, one.unit).families:
+            found[name] = (*found.get(name, ()), one.name)
     return found
 
 
@@ -262,8 +262,8 @@ def candidates(columns: Sequence[Column], rows: Array, moved: Array | None) -> l
     """
     found: dict[str, list[int]] = {}
     for k, one in enumerate(columns):
-        for family in one.families:
-            found.setdefault(family, []).append(k)
+        for name in one.families:
+            found.setdefault(name, []).append(k)
     made: list[Candidate] = []
     for name, at in found.items():
         if len(at) == 1 and columns[at[0]].families[-1] != name:
