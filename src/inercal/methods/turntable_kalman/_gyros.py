@@ -254,7 +254,7 @@ def _transition(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _turned_by_earth(settings: Settings, x: Array, a: Array) -> None:
-    """Carry φ by the azimuth as estimated so far; the attitude is integrated with the stated one."""
+    """Carry φ by the azimuth as estimated; the attitude is integrated with the stated one."""
     azimuth = settings.late[2]
     if azimuth < 0:
         return
