@@ -226,7 +226,7 @@ def in_ms(one: Recording) -> Recording:
             faster,
             r"time or rate: by them it lasts 11[78]\.?\d* s, with 0\.005 s from sample to sample",
         ),
-        (in_ms, r"time_unit and rate: by them it lasts 236000 s, with 10 s from sample to sample"),
+        (in_ms, r"taken in s makes 0\.1 samples per second, .* time_unit = \"ms\" \(100 Hz\)"),
     ],
     ids=["spike", "dead", "stuck", "clipped", "torn", "faster", "in ms"],
 )

@@ -208,3 +208,12 @@ def test_words_and_refusals():
         mounted(axes=("a", "b", "c"))
     with pytest.raises(InputError, match="its reading is nan"):
         replace(forward, reading=float("nan"))
+
+
+def test_a_simulation_draws_gravity_by_what_was_stated_and_an_estimator_adds_the_lean():
+    steps = positions(12)
+    drawn, estimated = BENCH.simulated(steps)["g"], BENCH.nuisances(steps)["g"]
+    assert drawn.sd == BENCH.gravity.sd
+    # The lean, normal with sd s, lowers the force by g λ²/2: mean square 3/4 (g s²)².
+    lowered = 9.8 * (1 - np.cos(1e-4 * np.random.default_rng(1).standard_normal(100_000)))
+    assert estimated.sd**2 - drawn.sd**2 == pytest.approx(np.mean(lowered**2), rel=0.05)

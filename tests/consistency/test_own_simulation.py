@@ -52,7 +52,8 @@ def test_simulated_sessions_err_as_stated(tmp_path: Path, method: str):
     path = tmp_path / "run.toml"
     text = RUN.replace("METHOD", method)
     if method == "six_position":
-        text = "\n".join(line for line in text.splitlines() if not line.startswith('"g'))
+        of_turns = ('"g', "turn_")  # of gyros and turns, which six positions have not
+        text = "\n".join(line for line in text.splitlines() if not line.startswith(of_turns))
     path.write_text(text, encoding="utf-8")
     run = read(path)
     made = simulate(run, seed=4, trials=TRIALS)

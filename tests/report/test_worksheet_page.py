@@ -56,7 +56,8 @@ def test_each_reading_has_a_box_and_what_is_not_read_a_shaded_one(tmp_path: Path
 
 def test_without_autocollimator_and_level_there_is_no_box_for_them(tmp_path: Path):
     none = ('autocollimation = "every"', 'autocollimation = "none"')
-    _, text = made(tmp_path, none)
+    idle = (f"{key}\n" for key in ('autocollimator = "0.1 ″"', 'certificate = "0.05 ″"'))
+    _, text = made(tmp_path, none, *((line, "") for line in idle))
     assert Boxes(text).boxes.count("box") == 24 * 2
     assert "with the autocollimator" not in text
 

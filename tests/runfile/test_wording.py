@@ -205,6 +205,16 @@ def test_unknown_names_are_refused_with_those_that_are_possible(
     assert refusal(tmp_path, f"{FERRARIS}\n{more}\n").startswith(said)
 
 
+@pytest.mark.parametrize(
+    "section", ["[specification]", '[specification]\n"ax.k0" = "1 mg"', "[specification.ax]"]
+)
+def test_the_reserved_section_of_limits_is_refused_as_such(tmp_path: Path, section: str):
+    said = refusal(tmp_path, f"{FERRARIS}\n{section}\n")
+    assert said.startswith("section [specification] is reserved for limits per coefficient")
+    assert "does not judge" in said
+    assert "possible here" not in said
+
+
 @pytest.mark.parametrize("section", ["sensor", "bench", "data", "method"])
 def test_a_value_in_the_place_of_a_section_is_refused(tmp_path: Path, section: str):
     kept = [part for part in FERRARIS.split("\n\n") if not part.startswith(f"[{section}")]

@@ -25,7 +25,7 @@ the base, and does not see it tilt.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from math import hypot, isfinite, pi, sqrt
 from typing import Literal
 
@@ -222,6 +222,17 @@ class DividingHead:
                 full = (f"{name}[{label}]" for label in labels)
                 found |= {one: parameter for one in full if one in named}
         return found
+
+    def simulated(
+        self, steps: Sequence[Index], channels: Sequence[str] = ()
+    ) -> dict[str, Parameter]:
+        """Return `nuisances` with the deviations that a simulation draws.
+
+        `felt` holds the lean exactly. The share of gravity that stands for its second order, which
+        a linear estimator lacks, would count it twice.
+        """
+        found = self.nuisances(steps, channels)
+        return found | {"g": replace(found["g"], sd=self.gravity.sd)}
 
 
 def drift_names(channel: str, steps: Sequence[Index]) -> list[str]:

@@ -58,7 +58,7 @@ def perform_on_head(
     trials : int
         Length of the leading axis of what is drawn and of the motion.
     """
-    declared = bench.nuisances(steps, channels)
+    declared = bench.simulated(steps, channels)
     drawn = {n: q.value + q.sd * rng.standard_normal(trials) for n, q in declared.items()}
     f = np.broadcast_to(felt(bench, steps, drawn).f, (trials, len(steps), 3))
     drift = drifted(steps, channels, drawn)

@@ -100,6 +100,8 @@ def _of_contrasts(ratio: Array, tau: Array, h: Array) -> Array:
 
 
 WHITE = Correlation()
+_COMMON = "drift common to all sections"
+_BEYOND = 0.05  # of the test of a common trend, below which the trend counts
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,9 +130,12 @@ class Judged:
     def trend_found(self) -> Array:
         """Standard deviation of the channels' trends beyond what noise makes of slopes, per second.
 
-        Of all channels together, in units of what noise makes of each, by moments: zero where their
-        mean square is below its expectation.
+        Of all channels together, in units of what noise makes of each, by moments. Zero where their
+        test does not reject at 5 %, the level at which residuals enlarge uncertainties too: slopes
+        of short sections are known too badly for their chance size to count.
         """
+        if not any(one.name.startswith(_COMMON) and one.p_value < _BEYOND for one in self.tests):
+            return np.zeros(len(self.trend))
         known = (self.trend_sd > 0) & np.isfinite(self.trend_sd)
         if not known.any():
             return np.zeros(len(self.trend))
@@ -399,7 +404,7 @@ def _trend(
     square_t = np.zeros(m)
     square_t[used] = (mean[used] / sd[used]) ** 2
     p = float(fdtrc(used.size, dof, square_t.sum() / used.size))
-    name = f"drift common to all sections ({names[int(square_t.argmax())]})"
+    name = f"{_COMMON} ({names[int(square_t.argmax())]})"
     return mean, sd, (_as_test(name, p),)
 
 

@@ -17,6 +17,7 @@ from inercal.runfile.schema import BENCHES, RunSchema
 
 _QUANTITY = re.compile(r"[-+]?[0-9.]+ \S.*")
 _BARE = re.compile(r"[A-Za-z0-9_-]+")  # a key that TOML takes without quotes
+_RESERVED = "specification"  # a section of later versions, for limits per coefficient
 _LONGEST = 60  # characters of a value that are repeated
 _NO_SCALAR: Mapping[type, str] = {dict: "a section", list: "a list"}
 _SCALAR: Mapping[type, str] = {
@@ -76,6 +77,11 @@ def _unknown(loc: tuple[int | str, ...], value: object, content: Mapping[str, An
     place = _place(loc[:-1])
     (model,) = _kinds(place.takes)
     names = (*place.names, str(loc[-1]))
+    if names == (_RESERVED,):
+        return (
+            f"section [{_RESERVED}] is reserved for limits per coefficient, which this version "
+            "does not judge: leave it out"
+        )
     dotted = _dotted(names)
     line = f"unknown section [{dotted}]" if isinstance(value, dict) else f"unknown key {dotted}"
     if near := get_close_matches(names[-1], tuple(model.model_fields), n=1):

@@ -146,7 +146,7 @@ def simulate(
     truth = {term: size * draw(seed, term, (trials, 2)) for term, size in sizes.items()}
     q = {
         name: parameter.value + parameter.sd * draw(seed, name, (trials,))
-        for name, parameter in drawn.nuisances(steps).items()
+        for name, parameter in drawn.simulated(steps).items()
     }
     exact = SENSOR.forward(Motion(felt(drawn, steps, q).f), in_order(truth))
     each = [draw(seed, f"noise[{step.label}]", (trials, 2)) for step in steps]
