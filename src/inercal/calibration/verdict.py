@@ -77,7 +77,7 @@ def verdict(
         "scale is wrong"
         for name, scale in scales.items()
     ]
-    lines += _unseen(estimate, expected)
+    lines += _unseen(estimate, expected, p)
     lines += estimate.notes
     lines += [f.message for f in findings if f.severity == "warning"]
     return verdict_of(estimate, assessment, findings, tuple(scales), tuple(lines))
@@ -264,21 +264,20 @@ def _line(sensor: Sensor, full: str) -> Coefficient:
     return next(line for line in TABLES[measures] if line.name == short)
 
 
-def _unseen(estimate: Estimate, expected: Mapping[str, Parameter]) -> list[str]:
+def _unseen(estimate: Estimate, expected: Mapping[str, Parameter], count: int) -> list[str]:
     """Name what the calibration leaves out and no test of these data can see: U lacks it."""
     scores = estimate.scored.scores
     seen = {name for one in scores if one.dof for name in one.components}
+    u = estimate.std[:count]
+    moving = [one for one in scores if not one.dof and bool(np.any(one.shift[:count] > u))]
     unseen = [
-        one.name
-        for one in scores
-        if not one.dof and one.kind == "coefficient" and not seen & set(one.components)
+        one.name for one in moving if one.kind == "coefficient" and not seen & set(one.components)
     ]
     families = [name for name in unseen if "." not in name] or unseen
     exact = [
         one.name
-        for one in scores
-        if not one.dof
-        and one.kind == "bench"
+        for one in moving
+        if one.kind == "bench"
         and all(name in expected and expected[name].sd == 0 for name in one.components)
     ]
     lines: list[str] = []

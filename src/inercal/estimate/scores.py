@@ -117,7 +117,8 @@ class Score:
     dof : int
         Directions of the candidate that the data show, at most k; 0 if none.
     shift : (p,) array
-        By how much `size` moved the estimate of each parameter, SI.
+        By how much `size` moved the estimate of each parameter, SI. Where the data show nothing of
+        the candidate: by how much its largest plausible size would move it.
     explained : (m,) array
         The part of the whitened residual that the candidate explains; of very many rows in
         coordinates of fewer dimensions, with the same lengths and angles.
@@ -222,10 +223,13 @@ def scored(
         u, s, v = u[:, :k], s[:k], v[:k]
         t = u.T @ residual
         size, sd = v.T @ (t / s), np.sqrt(np.sum((v.T / s) ** 2, axis=1))
-        shift = back @ (taken @ size)
-        shift = shift if to is None else to @ shift
+        # Of what is not shown: how far the largest plausible sizes would move the estimate.
+        moves = size[:, None] if k else np.eye(len(unit))
+        shifts = back @ (taken @ moves)
+        shifts = shifts if to is None else to @ shifts
         if one.moved is not None:
-            shift = one.moved @ (size * unit) + (shift if shift.size else 0.0)
+            shifts = one.moved @ (unit[:, None] * moves) + (shifts if shifts.size else 0.0)
+        shift = shifts[:, 0] if k else np.linalg.norm(shifts, axis=1)
         open_ = np.linalg.norm(v, axis=0) < 1 - 1e-6 if k else np.ones(len(unit), dtype=bool)
         spanned.append(u)
         made.append(

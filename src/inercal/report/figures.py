@@ -14,7 +14,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from inercal.estimate import Course, Estimate
+from inercal.estimate import Estimate
 from inercal.pipeline import Outcome
 from inercal.report import drawing
 from inercal.report.drawing import AXES, BAND, FAINT, INK, MINUS, PAPER, PLUS, SHAPES, X, Y, Z, svg
@@ -33,7 +33,6 @@ _GROUP_UNITS = {
 _FINE = ("″", np.pi / 648_000)  # of angles below 1 mrad
 _COMPONENTS = {1: ("norm",), 2: ("across 1", "across 2"), 3: ("x", "y", "z")}
 _LEVEL = ("east", "north", "up")
-_NORMAL = 1.4826  # standard deviations of a normal distribution in its median absolute one
 _MARKERS = (*SHAPES, "D", "v", "<", ">")
 _FEW = 14  # so many coefficients leave room for numbers in their cells
 
@@ -100,33 +99,21 @@ def _residuals_by_group(outcome: Outcome) -> Markup:
     ]
     figure, rows = drawing.panels(1.65, rooms, 2)
     courses = outcome.estimate.courses
-    for k, ((left, right), group, has) in enumerate(zip(rows, groups, named, strict=True)):
-        sd = _of_means(outcome, courses[k]) if courses else group.sd
+    for (left, right), group, has in zip(rows, groups, named, strict=True):
         unit, si = _GROUP_UNITS[group.unit]
         if group.unit == "rad" and np.abs(group.residual).max(initial=0.0) < si:
             unit, si = _FINE
         parts = _LEVEL if courses else _COMPONENTS[group.residual.shape[1]]
-        dots(left, group.residual / sd, parts, band=True)
+        dots(left, group.residual / group.sd, parts, band=True)
         dots(right, group.residual / si, parts, band=False)
         for axes, words in ((left, "standard deviations"), (right, unit)):
-            worst = beyond(group.residual / sd)
+            worst = beyond(group.residual / group.sd)
             drawing.name_positions(axes, group.labels, named=has, worst=worst)
             axes.set_ylabel(words)
         left.set_title(group.name)
         if len(parts) > 1:
             drawing.key(right)  # on the left the title may be long
     return svg(figure, "residuals", "Residuals of each kind of observation, by step")
-
-
-def _of_means(outcome: Outcome, course: Course) -> Array:
-    """Return the standard deviations of a step's mean innovations, (k, 3): as they scatter."""
-    z, seen = course.innovation[:, :3], outcome.observations
-    usual = _NORMAL * np.median(np.abs(z), axis=0)
-    count = [
-        np.count_nonzero(np.abs(course.time - middle) <= seconds / 2)
-        for middle, seconds in zip(seen.time, seen.duration, strict=True)
-    ]
-    return usual / np.sqrt([[n] for n in count if n])
 
 
 @drawing.style
