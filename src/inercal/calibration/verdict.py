@@ -215,7 +215,9 @@ def _suspect(
 
 def _coefficient(one: Suspect, sensor: Sensor) -> str:
     """Return the suspected coefficients with their sizes, in the units of reports."""
-    meaning = _line(sensor, one.components[0]).meaning
+    lines = {line.name: line for line in (_line(sensor, name) for name in one.components)}
+    first = next(iter(lines.values()))
+    meaning = first.meaning if len(lines) == 1 else ", ".join(lines)
     parts = [
         f"{name} {in_words(sensor, one.kind, name, size, sd, unit)}"
         for name, size, sd, unit in zip(one.components, one.sizes, one.sds, one.units, strict=True)

@@ -175,7 +175,7 @@ def calibrate(
     if isinstance(bench, Turntable):
         findings += turntable.far_from_stated(estimate, expected)
     judged = verdict(
-        estimate, sensor, findings, expected, run.method.possible(sensor), _row_word(bench)
+        estimate, sensor, findings, expected, run.method.possible(sensor), _row_word(run)
     )
     calibration = Calibration(
         sensor,
@@ -219,8 +219,10 @@ def _rounded(sensor: Sensor, recording: Recording | None) -> Sensor:
     return replace(sensor, axes=tuple(axes))
 
 
-def _row_word(bench: Bench) -> str:
-    return "state or mounting" if isinstance(bench, RateTable) else "position or turn"
+def _row_word(run: Run) -> str:
+    if run.method.free:
+        return "rest"
+    return "state or mounting" if isinstance(run.bench, RateTable) else "position or turn"
 
 
 def _search(run: Run) -> dict[str, str]:
