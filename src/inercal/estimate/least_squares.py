@@ -13,6 +13,7 @@ parameter or of its typical size. That step is still taken, unless the cost rise
 promise is below rounding: of a χ² far below one, rounding is no small part.
 """
 
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -116,15 +117,18 @@ def _scored(system: System, point: Point) -> Scored:
     if system.problem.candidates is None:
         return UNSCORED
     inverse, full = system.whitener(point.x)
-    width = len(system.prior_rows)
-    whitened: list[Candidate] = []
-    for one in system.problem.candidates(point.x[0]):
-        rows = inverse[0] @ one.rows if full else inverse[0][:, None] * one.rows
-        rows = np.concatenate([rows, np.zeros((width, rows.shape[1]))])
-        whitened.append(replace(one, rows=rows))
+    width, left_out = len(system.prior_rows), system.problem.candidates(point.x[0])
+
+    def whitened() -> Iterator[Candidate]:
+        for one in left_out:
+            rows = inverse[0] @ one.rows if full else inverse[0][:, None] * one.rows
+            yield replace(one, rows=np.concatenate([rows, np.zeros((width, rows.shape[1]))]))
+
     jacobian = np.concatenate([point.weight[0][:, None] * point.rows[0], system.prior_rows])
     residual = np.concatenate([point.whitened[0], point.prior[0]])
-    return scored(residual, jacobian, whitened, system.basis)
+    # What comes one by one is not kept together: of hundreds of rows it would not fit.
+    found = list(whitened()) if isinstance(left_out, Sequence) else whitened()
+    return scored(residual, jacobian, found, system.basis)
 
 
 def _search(

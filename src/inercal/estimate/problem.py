@@ -5,7 +5,7 @@ residual y − h(x) and the exact derivative ∂h/∂x. Everything may carry a l
 which are separate problems of one structure.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +17,7 @@ from inercal.estimate.scores import Candidate
 
 Array = NDArray[np.float64]
 Linearise = Callable[[Array], tuple[Array, Array]]
-Candidates = Callable[[Array], Sequence[Candidate]]
+Candidates = Callable[[Array], Iterable[Candidate]]
 KnownNull = tuple[str, Array | Callable[[Array], Array]]
 
 

@@ -22,7 +22,7 @@ test); Scheffé 1953, Biometrika 40, 87–104 (all contrasts of a space).
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
@@ -36,6 +36,7 @@ Kind = Literal["coefficient", "bench", "row", "time"]
 LEVEL = 0.01  # of all tests of one estimate together
 ALIKE = np.cos(np.pi / 6)  # 30°: closer candidates cannot be told apart
 _ROUNDING = 1e-12  # of a product of columns of length 1, over a hundred thousand rows
+_FEW_COLUMNS = 1000  # whose span is worked out
 _MANY = 5000  # rows, beyond which fewer dimensions stand for them
 _VISIBLE = 3.0  # η at the largest plausible size; below, a candidate is not scored
 _SEEN = 1e-6  # least share of a candidate's column that the fit leaves to the residuals
@@ -184,7 +185,7 @@ UNSCORED = Scored()
 
 
 def scored(
-    residual: Array, jacobian: Array, candidates: Sequence[Candidate], to: Array | None = None
+    residual: Array, jacobian: Array, candidates: Iterable[Candidate], to: Array | None = None
 ) -> Scored:
     """Return the score tests of candidates.
 
@@ -194,14 +195,14 @@ def scored(
         Whitened, at the solution; rows of priors included.
     jacobian : (m, p) array
         ∂h/∂x of the same rows, whitened.
-    candidates : sequence of Candidate
+    candidates : iterable of Candidate
         With whitened rows, (m, k); zero in the rows of priors. Their `moved`, where it is given,
         is of the parameters whose shift is wanted.
     to : (q, p) array, optional
         From the p coordinates of `jacobian` to the parameters whose shift is wanted.
     """
     dof = len(residual) - jacobian.shape[1]
-    if len(residual) > _MANY:
+    if len(residual) > _MANY and isinstance(candidates, Sequence):
         residual, jacobian, candidates = _rotated(residual, jacobian, candidates)
     size_of = np.linalg.norm(jacobian, axis=0)
     size_of = np.where(size_of > 0, size_of, 1.0)
@@ -209,6 +210,7 @@ def scored(
     back = np.linalg.pinv(triangle) / size_of[:, None]
     made: list[Score] = []
     spanned: list[Array] = []
+    columns_of = 0
     for one in candidates:
         length = np.linalg.norm(one.rows, axis=0)
         unit = 1 / np.where(length > 0, length, 1.0) if one.largest is None else one.largest
@@ -231,7 +233,9 @@ def scored(
             shifts = one.moved @ (unit[:, None] * moves) + (shifts if shifts.size else 0.0)
         shift = shifts[:, 0] if k else np.linalg.norm(shifts, axis=1)
         open_ = np.linalg.norm(v, axis=0) < 1 - 1e-6 if k else np.ones(len(unit), dtype=bool)
-        spanned.append(u)
+        columns_of += k
+        if columns_of <= _FEW_COLUMNS:
+            spanned.append(u)
         made.append(
             Score(
                 one.name,
@@ -246,7 +250,9 @@ def scored(
                 u @ t,
             )
         )
-    return Scored(tuple(made), _rank(spanned), float(residual @ residual), dof)
+    # Of very many columns the span is taken as large as it may be: the bound is valid, but wider.
+    span = _rank(spanned) if columns_of <= _FEW_COLUMNS else min(columns_of, dof)
+    return Scored(tuple(made), span, float(residual @ residual), dof)
 
 
 def _rotated(

@@ -13,7 +13,7 @@
 it: at the solution by that noise, close to the last stage's.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -190,11 +190,11 @@ def _fit(
         both = whiten(np.column_stack([rows.residual, rows.jacobian[:, free]]))
         return both[:, 0], both[:, 1:]
 
-    def left_out(part: Array) -> list[Candidate]:
+    def left_out(part: Array) -> Iterator[Candidate]:
         moved = x.copy()
         moved[free] = part
-        found = candidates(rests, rests.rows(moved, started.attitude), moved)
-        return [replace(one, rows=whiten(one.rows)) for one in found]
+        for one in candidates(rests, rests.rows(moved, started.attitude), moved):
+            yield replace(one, rows=whiten(one.rows))
 
     places: list[int] = free.tolist()
     chosen = tuple(names[k] for k in places)

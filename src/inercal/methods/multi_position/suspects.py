@@ -32,11 +32,12 @@ _WORDS = {"f": ("nonlinearity", "asymmetry", "cross"), "w": ("nonlinearity", "as
 _NAMES = {"f": "accelerometers", "w": "gyros"}
 _UNITS = {"f": "m/s²", "w": "rad/s"}
 _STEP = 1e-4  # rad that a candidate turns in all passages at most
+_PIECE = 100_000  # samples
 _LEAST = 1e-12  # SI per SI unit; less is rounding
 
 
-def candidates(rests: Rests, rows: Rows, x: Array) -> list[Candidate]:
-    """Return the candidates with the derivatives of all rows, not whitened.
+def candidates(rests: Rests, rows: Rows, x: Array) -> Iterator[Candidate]:
+    """Yield the candidates with the derivatives of all rows, not whitened.
 
     Parameters
     ----------
@@ -47,11 +48,9 @@ def candidates(rests: Rests, rows: Rows, x: Array) -> list[Candidate]:
         All coefficients and what is known beside them.
     """
     enter = entering(rests, rows)
-    return [
-        *_of_coefficients(rests, rows, x, enter),
-        *_of_drift(rests, rows, x, enter),
-        *_of_rests(rests, enter),
-    ]
+    yield from _of_coefficients(rests, rows, x, enter)
+    yield from _of_drift(rests, rows, x, enter)
+    yield from _of_rests(rests, enter)
 
 
 def _larger(sensor: Sensor) -> Sensor:
@@ -81,7 +80,7 @@ def _of_coefficients(rests: Rests, rows: Rows, x: Array, enter: Array) -> Iterat
 
         column = _added(rests, enter, axis, basis(at_rest))
         if measures == "w":
-            column += turned(axis, basis)
+            column += turned(axis, lambda motion, _, basis=basis: basis(motion))
         if np.max(np.abs(column)) > _LEAST:
             columns[full] = column
             kinds.setdefault((measures, family(larger.coefficient(full))), []).append(full)
@@ -105,7 +104,7 @@ def _added(rests: Rests, enter: Array, axis: int, size: Array) -> Array:
 
 def _turning(
     rests: Rests, rows: Rows, x: Array
-) -> Callable[[int, Callable[[Motion], Array]], Array]:
+) -> Callable[[int, Callable[[Motion, slice], Array]], Array]:
     """Return a function of an axis and of what is added to its samples, by their motion.
 
     It gives the column of what that does to the rotations.
@@ -116,19 +115,28 @@ def _turning(
         return lambda axis, basis: nothing
     sensor, p = rests.sensor, len(rests.sensor.coefficients)
     model = affine(sensor, x[:p])
-    both = way.output @ model.back.T + model.zero
-    motion = Motion(both[:, :3], both[:, 3:])
+    size = np.empty(len(way.output))
+    # One column at a time is changed and put back: a copy of a long recording would not fit.
+    changed = way.output if way.output.flags.writeable else way.output.copy()
     seconds = float(np.median(way.duration))
     r, k = len(rows.norm.residual), len(way.rest)
     earth = rows.attitude[way.rest + 1] * way.duration[:, None, None]
     clock = x[-1]
 
-    def column(axis: int, basis: Callable[[Motion], Array]) -> Array:
-        size = basis(motion)
+    def column(axis: int, basis: Callable[[Motion, slice], Array]) -> Array:
+        # Piece by piece: of all samples their motion alone would take more room than they do.
+        for start in range(0, len(size), _PIECE):
+            piece = slice(start, start + _PIECE)
+            both = way.output[piece] @ model.back.T + model.zero
+            size[piece] = basis(Motion(both[:, :3], both[:, 3:]), piece)
         step = _STEP / max(float(np.abs(size).max()) * seconds, 1e-300)
-        output = way.output.copy()
-        output[:, axis] += sensor.axes[axis].readout.scale * step * size
-        there = carried(replace(way, output=output), sensor, x[:p], rests.white, clock)
+        np.multiply(size, sensor.axes[axis].readout.scale * step, out=size)
+        before = changed[:, axis].copy()
+        try:
+            changed[:, axis] += size
+            there = carried(replace(way, output=changed), sensor, x[:p], rests.white, clock)
+        finally:
+            changed[:, axis] = before
         moved = rotations(way.rest, there, rows.norm.felt, rests.across, earth @ x[p + 1 : p + 4])
         found = nothing.copy()
         found[r : r + 2 * k] = ((moved.residual - turns.residual) / step).ravel()
@@ -150,7 +158,7 @@ def _of_drift(rests: Rests, rows: Rows, x: Array, enter: Array) -> Iterator[Cand
         column = _added(rests, enter, k, shape)
         if way is not None and axis.measures == "w":
             of_samples = (way.time - middle) / span
-            column += turned(k, lambda motion, of_samples=of_samples: of_samples)
+            column += turned(k, lambda _, piece, of_samples=of_samples: of_samples[piece])
         columns.setdefault(axis.measures, []).append((f"drift of {axis.name}", column))
     for kind, members in columns.items():
         together = [(f"drift of {_NAMES[kind]}", members)] if len(members) > 1 else []
