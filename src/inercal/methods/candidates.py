@@ -26,8 +26,6 @@ Array = NDArray[np.float64]
 
 # Parameters of these scopes act on many rows; those of one position are seen as its row.
 _SHARED = ("run", "speed", "mounting", "pass")
-# Nothing of a temperature is in the rows of a problem of means.
-_LEFT_OUT = ("temperature",)
 # SI per SI unit: whole turns leave this little of what they take out.
 _ROUNDED = 1e-12
 _COMPONENTS = ("x", "y", "z", "1", "2")
