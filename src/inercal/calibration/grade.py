@@ -1,8 +1,8 @@
 """The rule of the verdict: how far a result can be relied on, for every method alike.
 
 The tests of an estimate are χ² of its residuals (or of each group of them), the method's further
-tests, and the score tests of what was left out. Their overall level is 1 %: half of it for the
-tests, half for the scores. The grade follows from them::
+tests, and the score tests of what was left out. Their overall level is 1 %: .8 % for the scores and
+.2 % for the tests, or all of it for the tests where nothing is scored. The grade follows::
 
     consistent                 no test rejects the model, and no check warns
     usable with reservations   a test rejects the model, or a check warns, or nothing was tested
@@ -26,7 +26,7 @@ import numpy as np
 from scipy.special import chdtrc, fdtrc, gammaln
 
 from inercal.estimate import Estimate, Score
-from inercal.estimate.scores import ALIKE, LEVEL, Kind
+from inercal.estimate.scores import ALIKE, LEVEL, SHARE, Kind, Scored
 from inercal.recording import Finding
 
 Grade = Literal["consistent", "reservations", "unreliable"]
@@ -189,16 +189,22 @@ def assess(estimate: Estimate, count: int) -> Assessment:
         named = [("residuals", float(estimate.chi2), estimate.dof)]
     named += [(test.name, test.statistic, test.dof) for test in estimate.tests]
     real = [one for one in named if one[2] > 0]
+    scored = estimate.scored
+    share = 1 - SHARE if any(one.dof for one in scored.scores) else 1.0
     tests = tuple(
-        Assessed(name, chi2, dof, p, min(1.0, 2 * len(real) * p))
+        Assessed(name, chi2, dof, p, min(1.0, len(real) * p / share))
         for name, chi2, dof in real
         for p in (float(chdtrc(dof, chi2)),)
     )
-    scored = estimate.scored
-    significant = [s for s in scored.scores if 2 * scored.adjusted(s) < LEVEL]
+    significant = [s for s in scored.scores if among_all(scored, s) < LEVEL]
     return Assessment(
         tests, _suspect(estimate, count, significant), _row(estimate), bool(significant)
     )
+
+
+def among_all(scored: Scored, score: Score) -> float:
+    """Return the p-value of a score among all tests of its estimate."""
+    return min(1.0, scored.adjusted(score) / SHARE)
 
 
 def verdict_of(
@@ -348,7 +354,7 @@ def _suspect(estimate: Estimate, count: int, significant: Sequence[Score]) -> Su
         tuple(first.sd.tolist()),
         first.chi2,
         first.dof,
-        min(1.0, 2 * scored.adjusted(first)),
+        among_all(scored, first),
         max(scored.chi2 - first.chi2, 0.0),
         max(scored.dof - first.dof, 0),
         float(shift[most]),

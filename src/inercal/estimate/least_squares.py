@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from inercal.estimate import nullspace, steps
 from inercal.estimate.loss import Loss
+from inercal.estimate.once import Once
 from inercal.estimate.problem import Problem
 from inercal.estimate.result import Estimate
 from inercal.estimate.scores import UNSCORED, Candidate, Scored, scored
@@ -92,6 +93,7 @@ def finish(
     covariance = np.broadcast_to(covariance, (system.trials, *covariance.shape[1:]))
     chi2 = np.sum(pull**2, axis=-1) + np.sum(point.prior**2, axis=-1)
     first = 0 if system.single else slice(None)
+    candidates = system.single and loss is None and system.problem.candidates is not None
     return Estimate(
         names=system.problem.names,
         value=point.x[first],
@@ -108,14 +110,13 @@ def finish(
         weakest=structure.weakest,
         converged=(converged & exists)[first],
         iterations=iterations[first],
-        scored=_scored(system, point) if system.single and loss is None else UNSCORED,
+        scoring=Once(lambda: _scored(system, point)) if candidates else UNSCORED,
     )
 
 
 def _scored(system: System, point: Point) -> Scored:
     """Return the score tests of the problem's candidates at the solution of its one trial."""
-    if system.problem.candidates is None:
-        return UNSCORED
+    assert system.problem.candidates is not None
     inverse, full = system.whitener(point.x)
     width, left_out = len(system.prior_rows), system.problem.candidates(point.x[0])
 

@@ -9,6 +9,7 @@ the model was stated too well, and uncertainties are enlarged by the Birge ratio
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from scipy.special import chdtrc, chdtri
 from inercal.errors import InputError
 from inercal.estimate.course import Course
 from inercal.estimate.nullspace import NullDirection
+from inercal.estimate.once import Once
 from inercal.estimate.scores import UNSCORED, Scored, Test
 from inercal.estimate.spread import Spread
 
@@ -105,8 +107,8 @@ class Estimate:
         Of sequential estimators, how they came there (first trial).
     tests : tuple of Test
         Tests of the model beside that of `chi2`, or of its groups (first trial).
-    scored : Scored
-        Score tests of what was not estimated; empty where there are trials.
+    scoring : Once of Scored
+        Returns `scored`: most estimates of a simulation never need it.
     """
 
     names: tuple[str, ...]
@@ -128,7 +130,7 @@ class Estimate:
     notes: tuple[str, ...] = ()
     courses: tuple[Course, ...] = ()
     tests: tuple[Test, ...] = ()
-    scored: Scored = UNSCORED
+    scoring: Once[Scored] = UNSCORED
 
     @classmethod
     def of_formulas(
@@ -158,6 +160,11 @@ class Estimate:
             iterations=np.array(0),
             notes=notes,
         )
+
+    @cached_property
+    def scored(self) -> Scored:
+        """Score tests of what was not estimated; none where there are trials."""
+        return self.scoring()
 
     @property
     def p_value(self) -> Array:

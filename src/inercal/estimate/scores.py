@@ -12,33 +12,40 @@ A candidate with k components has t in its k directions, and |t|² is χ² with 
 |c' δ| is how visible δ is, η: no test of these data sees more of it. Two candidates whose c' are
 parallel explain the residuals equally well: no data of this kind tell them apart.
 
-Many candidates are tested at once. The smallest p-value is judged against their number (Bonferroni)
-or against the dimension of the space that they span (Scheffé), whichever is the less strict of two
-valid bounds.
+Many candidates are tested at once. They share the level so that each, whatever its k, would be
+noticed with the same probability at η = 6 (Bonferroni, weighted): by equal parts nine directions
+would show far more rarely than one. Where the candidates span few dimensions, all are judged by the
+χ² of that space instead (Scheffé), if this is the less strict for a single direction.
 
-Source: Rao 1948, Mathematical Proceedings of the Cambridge Philosophical Society 44, 50–57 (score
-test); Scheffé 1953, Biometrika 40, 87–104 (all contrasts of a space).
+Sources: Rao 1948, Mathematical Proceedings of the Cambridge Philosophical Society 44, 50–57 (score
+test); Scheffé 1953, Biometrika 40, 87–104 (all contrasts of a space); Rosenthal and Rubin 1983,
+Journal of Educational Psychology 75, 76–81 (weighted Bonferroni).
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache, cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc
+from scipy.special import chdtrc, chdtri, chndtrix
+
+from inercal.estimate.once import Once
 
 Array = NDArray[np.float64]
 Kind = Literal["coefficient", "bench", "row", "time"]
 
 LEVEL = 0.01  # of all tests of one estimate together
+SHARE = 0.8  # of the level, for the scores; the rest is for χ² and the method's tests
 ALIKE = np.cos(np.pi / 6)  # 30°: closer candidates cannot be told apart
 _ROUNDING = 1e-12  # of a product of columns of length 1, over a hundred thousand rows
 _FEW_COLUMNS = 1000  # whose span is worked out
 _MANY = 5000  # rows, beyond which fewer dimensions stand for them
 _VISIBLE = 3.0  # η at the largest plausible size; below, a candidate is not scored
+_ETA, _MISSED = 6.0, 0.05  # at which η all candidates are missed alike, with what probability
 _SEEN = 1e-6  # least share of a candidate's column that the fit leaves to the residuals
 
 
@@ -147,7 +154,8 @@ class Score:
         return float(abs(self.explained @ other.explained) / product) if product > 0 else 0.0
 
 
-class Scored(NamedTuple):
+@dataclass(frozen=True)
+class Scored:
     """All candidates of one estimate.
 
     Parameters
@@ -164,6 +172,11 @@ class Scored(NamedTuple):
     chi2: float = 0.0
     dof: int = 0
 
+    def shifting(self, change: Callable[[Array], Array]) -> "Scored":
+        """Return the same with shifts of other parameters, which a function makes of those here."""
+        scores = tuple(replace(one, shift=change(one.shift)) for one in self.scores)
+        return replace(self, scores=scores)
+
     def adjusted(self, score: Score, p_value: float | None = None) -> float:
         """Return the p-value of a score that holds for all candidates together.
 
@@ -175,13 +188,29 @@ class Scored(NamedTuple):
         """
         if not score.dof:
             return 1.0
-        count = sum(one.dof > 0 for one in self.scores)
-        if p_value is not None:
-            return min(1.0, count * p_value)
-        return min(1.0, count * score.p_value, float(chdtrc(self.span, score.chi2)))
+        if p_value is None and self._by_span:
+            return float(chdtrc(self.span, score.chi2))
+        p = score.p_value if p_value is None else p_value
+        return min(1.0, p * self._weights / _weight(score.dof))
+
+    @cached_property
+    def _weights(self) -> float:
+        return sum(_weight(one.dof) for one in self.scores if one.dof)
+
+    @cached_property
+    def _by_span(self) -> bool:
+        """Whether the space of all candidates is the less strict for a single direction."""
+        level = SHARE * LEVEL
+        return bool(chdtri(self.span, level) < chdtri(1, level * _weight(1) / self._weights))
 
 
-UNSCORED = Scored()
+@cache
+def _weight(dof: int) -> float:
+    """Return the p-value that a χ² of η = 6 exceeds but with the probability to miss it."""
+    return float(chdtrc(dof, chndtrix(_MISSED, dof, _ETA**2)))
+
+
+UNSCORED = Once(Scored)
 
 
 def scored(

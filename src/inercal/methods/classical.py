@@ -84,11 +84,10 @@ def _tested(found: Estimate, by_problem: Estimate) -> Estimate:
     """Return the estimate with the tests of the problem of the same observations."""
     p = len(found.names)
     agreement = Test(READINGS, float(by_problem.chi2), by_problem.dof)
-    scores = tuple(replace(one, shift=one.shift[:p]) for one in by_problem.scored.scores)
     return replace(
         found,
         tests=(agreement, *by_problem.tests),
-        scored=by_problem.scored._replace(scores=scores),
+        scoring=by_problem.scoring.then(lambda scored: scored.shifting(lambda shift: shift[:p])),
         notes=(*found.notes, *by_problem.notes),
     )
 

@@ -49,12 +49,11 @@ def with_tests(estimate: Estimate, whole: Problem, stated: Problem | None = None
         return estimate
     tests = [Test(READINGS, float(best.chi2), best.dof)] if best.dof else []
     at = [best.names.index(name) for name in estimate.names]
-    scores = tuple(replace(score, shift=score.shift[at]) for score in best.scored.scores)
     formula = _difference(estimate, reference.select(estimate.names))
     return replace(
         estimate,
         tests=(*estimate.tests, *tests, formula),
-        scored=best.scored._replace(scores=scores),
+        scoring=best.scoring.then(lambda scored: scored.shifting(lambda shift: shift[at])),
     )
 
 

@@ -28,6 +28,8 @@ from numpy.typing import NDArray
 
 from inercal.benches.rate_table import RateTable, by_parameter, felt
 from inercal.estimate import Candidate, Gaussian, Problem, Scored, scored
+from inercal.estimate.once import Once
+from inercal.estimate.scores import UNSCORED
 from inercal.methods import vectors
 from inercal.methods.affine import Affine, to_coefficients
 from inercal.methods.observed import OBSERVED
@@ -46,7 +48,7 @@ class Consistency(NamedTuple):
 
     chi2: Array
     dof: int
-    scored: Scored
+    scoring: Once[Scored]
 
 
 def joint_problem(
@@ -165,28 +167,31 @@ def consistency(
     chi2 = np.asarray((residual**2).sum(-1))
     dof = residual.shape[-1] - u.shape[-1]
     if observations.mean.ndim > 2:
-        return Consistency(chi2, dof, Scored())
+        return Consistency(chi2, dof, UNSCORED)
 
-    fitted = Affine.of(theta)
-    value, _ = to_coefficients(sensor, fitted)
-    _, slope = to_coefficients(sensor, model)
-    asked = joint_problem(some, sensor, bench, here)
-    start = np.concatenate([value, asked.start[len(value) :]])
-    assert asked.candidates is not None
-    # As the slopes: where the rows are by the fit, without their noise.
-    expected = fitted.inverse.correct(f)
-    from_readings = whitener @ _compared(fitted, expected, at_level, at_groups)
-    own = [3 * k + axis for k in used for axis in range(3)]
-    whitened: list[Candidate] = []
-    for one in asked.candidates(start):
-        columns = one.rows.reshape(len(used), 3, -1)
-        # The estimator weighs the rows otherwise than this fit: its own gain says how it shifts.
-        shift = slope @ gain[:, own] @ _moved(model.matrix, columns)
-        rows = -from_readings @ _moved(fitted.matrix, columns)
-        whitened.append(replace(one, rows=rows, moved=shift))
-    # All of a shift is in `moved`, by the estimator's gain: none in the coordinates of U.
-    none = np.zeros((len(value), u.shape[1]))
-    return Consistency(chi2, dof, scored(residual, u, whitened, none))
+    def work() -> Scored:
+        fitted = Affine.of(theta)
+        value, _ = to_coefficients(sensor, fitted)
+        _, slope = to_coefficients(sensor, model)
+        asked = joint_problem(some, sensor, bench, here)
+        start = np.concatenate([value, asked.start[len(value) :]])
+        assert asked.candidates is not None
+        # As the slopes: where the rows are by the fit, without their noise.
+        expected = fitted.inverse.correct(f)
+        from_readings = whitener @ _compared(fitted, expected, at_level, at_groups)
+        own = [3 * k + axis for k in used for axis in range(3)]
+        whitened: list[Candidate] = []
+        for one in asked.candidates(start):
+            columns = one.rows.reshape(len(used), 3, -1)
+            # The estimator weighs the rows otherwise than this fit: its gain says how it shifts.
+            shift = slope @ gain[:, own] @ _moved(model.matrix, columns)
+            rows = -from_readings @ _moved(fitted.matrix, columns)
+            whitened.append(replace(one, rows=rows, moved=shift))
+        # All of a shift is in `moved`, by the estimator's gain: none in the coordinates of U.
+        none = np.zeros((len(value), u.shape[1]))
+        return scored(residual, u, whitened, none)
+
+    return Consistency(chi2, dof, Once(work))
 
 
 def _moved(matrix: Array, rows: Array) -> Array:

@@ -155,7 +155,7 @@ def estimate_of(
         converged=np.ones(trials, dtype=bool) if converged is None else converged,
         iterations=np.ones(trials, dtype=np.intp) if iterations is None else iterations,
         notes=notes,
-        scored=agreement.scored,
+        scoring=agreement.scoring,
     )
 
 

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from inercal.calibration.grade import among_all
 from inercal.calibration.verdict import COVERAGE, chance, in_words
 from inercal.estimate import Score
 from inercal.pipeline import Outcome
@@ -71,7 +72,7 @@ def candidates(outcome: Outcome) -> list[CandidateRow]:
             _sizes(outcome, one),
             f"{one.chi2:.1f}",
             str(one.dof),
-            _p(min(1.0, 2 * scored.adjusted(one))),
+            _p(among_all(scored, one)),
             _shift(outcome, one),
             suspect is not None and one.name == suspect.name,
         )

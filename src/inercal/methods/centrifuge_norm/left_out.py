@@ -14,7 +14,7 @@ import numpy as np
 from inercal.benches.centrifuge import Centrifuge
 from inercal.errors import NotObserved
 from inercal.estimate import Gaussian, least_squares
-from inercal.estimate.scores import LEVEL
+from inercal.estimate.scores import LEVEL, SHARE
 from inercal.methods.centrifuge_norm.problems import by_norm
 from inercal.methods.centrifuge_norm.screening import Agreement, agreement
 from inercal.plan import Spin
@@ -121,7 +121,7 @@ def _ranked(
     scores = [
         score
         for score in fit.scored.scores
-        if score.name in WORDS and fit.scored.adjusted(score) < LEVEL / 2
+        if score.name in WORDS and fit.scored.adjusted(score) < SHARE * LEVEL
     ]
     return [score.name for score in sorted(scores, key=lambda score: -score.chi2)]
 

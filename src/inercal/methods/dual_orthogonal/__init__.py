@@ -23,7 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches.dividing_head import DividingHead
-from inercal.estimate import Estimate, Gaussian, Scored, least_squares
+from inercal.estimate import Estimate, Gaussian, least_squares
+from inercal.estimate.scores import UNSCORED
 from inercal.methods import by_angle, vectors
 from inercal.methods._base import Method
 from inercal.methods.dual_orthogonal import patent as four
@@ -166,7 +167,7 @@ def single(
         # The residuals hold the head's errors besides their noise: no test of either.
         chi2=np.zeros(found.value.shape[:-1]),
         dof=0,
-        scored=Scored(),
+        scoring=UNSCORED,
     )
     return with_tests(estimate, by_angle.problem(observations, sensor, bench, steps, priors))
 

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from inercal.benches import Hand
 from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian
+from inercal.estimate.once import Once
 from inercal.methods._base import Method
 from inercal.methods.multi_position.advice import advice, g_sensitivity
 from inercal.methods.multi_position.coverage import hand_held
@@ -127,7 +128,7 @@ def _finished(rests: Rests, last: Stage, priors: Sequence[Gaussian]) -> Estimate
         with_shared_drift(rests, estimate),
         notes=notes,
         tests=rests.observations.tests,
-        scored=scored_at(rests, last, priors),
+        scoring=Once(lambda: scored_at(rests, last, priors)),
     )
 
 

@@ -1,6 +1,7 @@
 """Tests of what both filters assume: innovations by step, and scores of what has no state."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +11,7 @@ from inercal.estimate import Scored, Test, scored
 from inercal.estimate.innovations import grouped, means_and_whiteness, standardised
 from inercal.estimate.kalman import Steps
 from inercal.estimate.left_out import LeftOut, left_out
-from inercal.estimate.scores import UNSCORED, compressed
+from inercal.estimate.scores import compressed
 from inercal.methods.turntable import left_out as columns
 from inercal.methods.turntable.left_out import Column, Columns
 from inercal.methods.turntable_kalman import ways
@@ -177,7 +178,7 @@ def scores(
     moved = np.zeros((len(names), len(at)))
     for one, own in zip(parts, owners, strict=True):
         if one.sums is None:
-            return UNSCORED
+            return Scored()
         to = [at[column.name] for column in one.columns]
         gram[np.ix_(to, to)] += one.sums.gram
         product[to] += one.sums.product
@@ -189,4 +190,4 @@ def scores(
     standard = np.concatenate([one.standard.ravel() for one in parts])
     standard = standard[np.isfinite(standard)]
     tested = scored(residual, np.zeros((len(residual), 0)), made)
-    return tested._replace(chi2=float(standard @ standard), dof=standard.size)
+    return replace(tested, chi2=float(standard @ standard), dof=standard.size)

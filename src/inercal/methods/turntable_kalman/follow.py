@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from inercal.benches.turntable import Turntable
 from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian
+from inercal.estimate.once import Once
 from inercal.estimate.scores import UNSCORED
 from inercal.methods.turntable import model
 from inercal.methods.turntable.model import ARCSEC
@@ -153,7 +154,9 @@ def followed(
         notes=_notes(trials[0], way, bench),
         courses=tuple(one.course for one in trials[0]),
         tests=tuple(test for one in checked for test in checks.tests(one, observations)),
-        scored=checks.scores(checked, names, own) if checked and not lead else UNSCORED,
+        scoring=Once(lambda: checks.scores(checked, names, own))
+        if checked and not lead
+        else UNSCORED,
     )
 
 

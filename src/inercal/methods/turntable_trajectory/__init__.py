@@ -226,12 +226,11 @@ def averaged(
         beyond[np.ix_(at[biases], at[biases])] = covariance[np.ix_(axis, axis)] / np.outer(
             weight, weight
         )
-    scores = tuple(replace(one, shift=by @ one.shift) for one in estimate.scored.scores)
     return replace(
         estimate,
         value=value,
         covariance=by @ estimate.covariance @ by.T + beyond,
-        scored=estimate.scored._replace(scores=scores),
+        scoring=estimate.scoring.then(lambda scored: scored.shifting(lambda shift: by @ shift)),
     )
 
 
