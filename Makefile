@@ -31,7 +31,7 @@ test: $(INSTALLED)  ## all tests but the slow ones
 	$(BIN)/python -m pytest $(SIDE_BY_SIDE)
 
 slow: $(INSTALLED)  ## the big Monte Carlo runs
-	$(BIN)/python -m pytest -m slow $(SIDE_BY_SIDE) tests
+	$(BIN)/python -m pytest -m "slow and not evidence" $(SIDE_BY_SIDE) tests
 
 check: $(INSTALLED)  ## format, lint, types, layers, tests, doctests, examples
 	$(BIN)/ruff format --check .
@@ -43,8 +43,9 @@ check: $(INSTALLED)  ## format, lint, types, layers, tests, doctests, examples
 bench: $(INSTALLED)  ## speed against a peer, measured in one run
 	$(BIN)/python -m benchmarks
 
-evidence: $(INSTALLED)  ## what verdicts say of violations of known visibility: the full table, about an hour
+evidence: $(INSTALLED)  ## what verdicts say of violations of known visibility, in full, and the longest tests: over an hour
 	$(BIN)/python -m tests.evidence
+	$(BIN)/python -m pytest -m evidence $(SIDE_BY_SIDE) tests
 
 format: $(INSTALLED)  ## mend format and lint
 	$(BIN)/ruff format .

@@ -128,11 +128,20 @@ def killed_and_resumed(folder: Path, unbroken: Unbroken, share: float) -> None:
         assert abs(other - value) < 5 * np.hypot(std, its), name
 
 
+MOMENTS = np.random.default_rng(20).uniform(0.01, 1.0, 20).round(4).tolist()
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "share", np.random.default_rng(20).uniform(0.01, 1.0, 20).round(4).tolist()
-)
-def test_a_run_killed_at_any_of_twenty_moments_is_finished_by_resume(
+@pytest.mark.parametrize("share", MOMENTS[:8])
+def test_a_run_killed_at_any_moment_is_finished_by_resume(
+    tmp_path: Path, unbroken: Unbroken, share: float
+):
+    killed_and_resumed(tmp_path / "run", unbroken, share)
+
+
+@pytest.mark.evidence
+@pytest.mark.parametrize("share", MOMENTS[8:])
+def test_a_run_killed_at_twelve_more_moments_is_finished_by_resume(
     tmp_path: Path, unbroken: Unbroken, share: float
 ):
     killed_and_resumed(tmp_path / "run", unbroken, share)
