@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from math import sqrt
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import pytest
 from tests.runfile.texts import FERRARIS, SIX_POSITIONS, run_file
 
 import inercal
+from inercal.calibration.files import load, save
 from inercal.cli.app import main
 from inercal.pipeline import calibrate
 
@@ -177,6 +179,21 @@ def test_apply_corrects_a_recording_to_specific_force_and_rates(
     start, stop = 50 * (6 * 4 + 6 * 2), 50 * (6 * 4 + 6 * 2 + 2 + 1 + 4)  # two pauses of 1.5 s
     turned = table["wx"][start:stop].sum() / 50
     assert turned == pytest.approx(2 * np.pi, abs=5 * np.radians(0.5))
+
+
+def test_apply_warns_of_a_calibration_that_is_not_to_be_relied_on(
+    tmp_path: Path, said: Callable[..., str]
+):
+    path = run_file(tmp_path, FERRARIS)
+    said("simulate", path)
+    said("calibrate", path, "--out", tmp_path, "--no-report")
+    file = tmp_path / "run.calibration.json"
+    before = load(file)
+    assert before.verdict is not None
+    worse = replace(before.verdict, grade="unreliable", reasons=("the fit did not converge",))
+    save(replace(before, verdict=worse), file)
+    printed = json.loads(said("apply", file, path, "--out", tmp_path / "c.csv", "--json"))
+    assert any("the fit did not converge" in one for one in printed["warnings"])
 
 
 def test_report_writes_the_page_alone(run: Path, tmp_path: Path, said: Callable[..., str]):

@@ -60,7 +60,16 @@ def test_stamps_that_make_more_than_50_khz_are_refused(tmp_path: Path):
 
 @pytest.mark.parametrize("rate", [1.0, 10.0, 1000.0, 50e3])
 def test_rates_of_1_hz_to_50_khz_are_read(tmp_path: Path, rate: float):
-    assert read(log(tmp_path, stamps(1 / rate))).rate_hz == pytest.approx(rate)
+    assert read(log(tmp_path, stamps(1 / rate)), "s").rate_hz == pytest.approx(rate)
+
+
+@pytest.mark.parametrize("rate", [1000.0, 2000.0, 4000.0])
+def test_fast_stamps_in_ms_do_not_pass_for_slow_ones_in_s(tmp_path: Path, rate: float):
+    path = log(tmp_path, stamps(1000 / rate))
+    with pytest.raises(InputError) as error:
+        read(path)
+    assert f'time_unit = "ms" ({rate:.4g} Hz)' in str(error.value)
+    assert read(path, "ms").rate_hz == pytest.approx(rate)
 
 
 @pytest.mark.parametrize(

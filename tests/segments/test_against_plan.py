@@ -91,6 +91,22 @@ def test_what_cannot_be_meant_is_refused_by_section_with_what_was_read(
     assert "\n" not in message
 
 
+@pytest.mark.parametrize("columns", [[0, 1, 2, 5, 4, 3], [0, 1, 2, 4, 3, 5], [1, 0, 2, 3, 4, 5]])
+def test_a_turn_that_gravity_does_not_follow_is_refused_where_turns_were_found(
+    run: Run, observations: Observations, columns: list[int]
+):
+    seen = changed(observations, columns, ONES, {})
+    # Sections that were found are named by the readings: what each column reads, its row is.
+    renamed = {
+        f"{'xyz'[k]}_{sign}": f"{'xyz'[columns[k]]}_{sign}" for k in range(3) for sign in "pa"
+    }
+    renamed |= {f"{'xyz'[k]}_rot": f"{'xyz'[columns[3 + k] - 3]}_rot" for k in range(3)}
+    seen = changed(seen, AS_THEY_ARE, ONES, renamed)
+    with pytest.raises(InputError, match="all the way") as refused:
+        check(run, seen)
+    assert "_rot" in str(refused.value)
+
+
 @pytest.mark.parametrize("label", ["x_rot", "y_rot", "z_rot"])
 def test_a_turn_the_other_way_is_a_warning_that_names_it(
     run: Run, observations: Observations, label: str

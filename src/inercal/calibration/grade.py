@@ -39,7 +39,7 @@ TONES: dict[Grade, str] = {"consistent": "good", "reservations": "care", "unreli
 COVERAGE = 2.0  # U = k u; about 95 % for the degrees of freedom met here
 _SCATTER = 2.0  # times what was stated
 _SHIFT = 1.0  # U
-_FAR = (0.5, 2.0)  # of the nominal scale factor
+_FAR = (0.7, 1.4)  # of the nominal scale factor; crude sensors are within a quarter
 _ORDER: tuple[Kind, ...] = ("coefficient", "bench", "time", "row")
 _TINY = 1e-280  # below, a probability is taken from its asymptote
 

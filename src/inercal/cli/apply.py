@@ -35,6 +35,10 @@ def run(
         corrected = apply(calibration, plan)
         write_recording(corrected, out)
     warnings = [f.message for f in corrected.findings if f.severity == "warning"]
+    verdict = calibration.verdict
+    if verdict is not None and verdict.grade == "unreliable":
+        reason = f": {verdict.reasons[0]}" if verdict.reasons else ""
+        warnings.insert(0, f"{calibration_file} is {verdict.word}{reason}")
     for warning in warnings:
         print(f"inercal: warning: {warning}", file=sys.stderr)
     if json:

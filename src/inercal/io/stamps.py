@@ -18,6 +18,7 @@ from inercal.units import factor
 
 Array = NDArray[np.float64]
 SLOWEST_HZ, FASTEST_HZ = 1.0, 50e3  # of recordings; beyond them the unit is wrong
+_UNSTATED_HZ = 5.0  # where the unit is not stated: 1 to 5 kHz in ms would pass for 1 to 5 Hz
 _ROUNDING = 1e-6  # of a rate: stamps of few digits
 _UNITS = ("s", "ms", "us", "ns")  # that loggers write
 _NAMED = re.compile(
@@ -53,8 +54,8 @@ def require_unit(
     Raises
     ------
     InputError
-        A rate below 1 Hz or above 50 kHz; where the unit is not stated also a column whose name
-        ends in another unit, and stamps since 1970 in another unit.
+        A rate below 1 Hz or above 50 kHz; where the unit is not stated also a rate below 5 Hz, a
+        column whose name ends in another unit, and stamps since 1970 in another unit.
     """
     unit_key, rate_key = keys
     rate = _rate(stamps)
@@ -75,7 +76,8 @@ def require_unit(
         return
     in_force = "s" if unit is None else unit
     hz = rate / factor(in_force, like="s")
-    if SLOWEST_HZ * (1 - _ROUNDING) <= hz <= FASTEST_HZ * (1 + _ROUNDING):
+    slowest = SLOWEST_HZ if unit is not None else _UNSTATED_HZ
+    if slowest * (1 - _ROUNDING) <= hz <= FASTEST_HZ * (1 + _ROUNDING):
         return
     if hz > FASTEST_HZ and _mean_rate(stamps) / factor(in_force, like="s") < FASTEST_HZ:
         return  # bursts, which the audit names
@@ -94,7 +96,7 @@ def require_unit(
         advice += f'; if {hz:.3g} Hz is right, leave the column out and state {rate_key} = "…"'
     raise InputError(
         f"{source}: column {column!r} taken in {in_force} makes {hz:.3g} samples per second, where "
-        f"{SLOWEST_HZ:g} Hz to {FASTEST_HZ / 1e3:g} kHz are possible: {advice}"
+        f"{slowest:g} Hz to {FASTEST_HZ / 1e3:g} kHz are possible: {advice}"
     )
 
 

@@ -35,8 +35,9 @@ from inercal.segments import (
 from inercal.units import readable
 
 _BY_READINGS = (
-    "the positions were found by which axis reads gravity: swapped columns, or an axis named for "
-    "another, cannot be noticed; hold one known axis up and compare, or state the marks"
+    "the positions were found by which axis reads gravity: swapped columns, reversed axes, or an "
+    "axis named for another, cannot be noticed; hold one known axis up and compare, or state the "
+    "marks"
 )
 
 
@@ -118,7 +119,7 @@ def _planned_sections(
     holds = {step.label for step in steps if isinstance(step, Hold)}
     moving = still_but_accepted(run, recording, [mark for mark in marks if mark.label in holds])
     observations = observe(recording, run.sensor, marks, steps, found=True, drifting=True)
-    if run.data.marks == "found" and not any(isinstance(step, Turn) for step in steps):
+    if run.data.marks == "found":
         observations = replace(observations, notes=(*observations.notes, _BY_READINGS))
     findings = check_turn_ends(recording, run.sensor, marks, steps)
     return marks, observations, recording.findings + missing + moving + findings

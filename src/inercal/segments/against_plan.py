@@ -17,6 +17,7 @@ from inercal.sensors import Sensor, inverse
 _MEANT = 0.7  # cosine: within 45° of the nominal direction
 _ALIGNED = 0.9
 _EVEN = 1e-6  # length of the mean direction of faces in pairs
+_WHOLE_TURN = 300 * pi / 180  # rad, after which what turns has no mean across the axis
 _END = 0.1  # s at either end of a turn
 _STILL_TURNING = 0.25  # of the fastest rate
 
@@ -40,8 +41,8 @@ def check_against_plan(
     Raises
     ------
     InputError
-        A hold whose mean specific force points elsewhere, or a turn about another axis or by
-        another unit's angle.
+        A hold whose mean specific force points elsewhere, or a turn about another axis, by another
+        unit's angle, or about an axis that gravity does not turn about.
     """
     columns = {
         kind: [k for k, axis in enumerate(sensor.axes) if axis.measures == kind] for kind in "fw"
@@ -66,6 +67,7 @@ def check_against_plan(
         elif len(columns["w"]) == 3:
             bias = felt.w[holds].mean(axis=0) if holds.any() else np.zeros(3)
             findings += _check_turn(step, (felt.w[k] - bias) * observations.duration[k])
+            _check_gravity_turns(step, (felt.f[k] - offset) / gravity)
     return tuple(findings)
 
 
@@ -103,6 +105,19 @@ def _check_turn(step: HandStep, angle: np.ndarray) -> list[Finding]:
         )
         return [Finding("warning", "direction", message)]
     return []
+
+
+def _check_gravity_turns(step: HandStep, f: np.ndarray) -> None:
+    """Refuse a whole turn in which gravity stays across its axis: f is the mean, (3,) g."""
+    assert not isinstance(step, Hold)
+    axis = np.array(step.axis)
+    across = f - axis * (f @ axis)
+    if abs(step.angle) >= _WHOLE_TURN and np.linalg.norm(across) > _MEANT:
+        raise InputError(
+            f"section {step.label} turns about {direction(step.axis)} by the gyros, but the "
+            f"accelerometers read {_list(f)} g all the way, which is across that axis: are columns "
+            "of gyros or of accelerometers swapped?"
+        )
 
 
 def check_turn_ends(
