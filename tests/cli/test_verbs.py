@@ -182,7 +182,10 @@ def test_apply_corrects_a_recording_to_specific_force_and_rates(
 
 
 def test_apply_warns_of_a_calibration_that_is_not_to_be_relied_on(
-    tmp_path: Path, said: Callable[..., str]
+    tmp_path: Path,
+    said: Callable[..., str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ):
     path = run_file(tmp_path, FERRARIS)
     said("simulate", path)
@@ -192,8 +195,15 @@ def test_apply_warns_of_a_calibration_that_is_not_to_be_relied_on(
     assert before.verdict is not None
     worse = replace(before.verdict, grade="unreliable", reasons=("the fit did not converge",))
     save(replace(before, verdict=worse), file)
-    printed = json.loads(said("apply", file, path, "--out", tmp_path / "c.csv", "--json"))
-    assert any("the fit did not converge" in one for one in printed["warnings"])
+    out = tmp_path / "c.csv"
+    monkeypatch.setattr(
+        "sys.argv", ["inercal", "apply", *map(str, (file, path)), "--out", str(out)]
+    )
+    with pytest.raises(SystemExit) as stop:
+        main()
+    assert not stop.value.code
+    assert "the fit did not converge" in capsys.readouterr().err
+    assert out.exists()
 
 
 def test_report_writes_the_page_alone(run: Path, tmp_path: Path, said: Callable[..., str]):
