@@ -316,6 +316,8 @@ class Observations:
         Of the sections against themselves, where a recording was averaged.
     notes : tuple of str
         What the sections show of their noise, in words.
+    timed : bool
+        Whether `time` was measured; of a table of means it is the order of the rows.
 
     Raises
     ------
@@ -338,6 +340,7 @@ class Observations:
     track: Track | None = None
     tests: tuple[Test, ...] = ()
     notes: tuple[str, ...] = ()
+    timed: bool = True
 
     def __post_init__(self) -> None:
         r, m = len(self.labels), len(self.channels)
@@ -402,4 +405,5 @@ def joined(one: Observations, other: Observations) -> Observations:
         rounding=one.rounding,
         tests=(*one.tests, *other.tests),
         notes=(*one.notes, *other.notes),
+        timed=one.timed and other.timed,
     )

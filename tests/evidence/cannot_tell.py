@@ -1,16 +1,27 @@
 """The page of what no residual shows: violations that shift coefficients before their η is 6."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from tests.evidence.cells import CASES, VISIBLE, case, visibilities
+from tests.evidence.cells import (
+    AS_IT_IS,
+    CASES,
+    FIVE_U,
+    VISIBLE,
+    Cell,
+    Count,
+    case,
+    visibilities,
+)
 from tests.evidence.model import Violation, Visibility
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "what-the-data-cannot-tell.md"
-_HEAD = "| what is wrong | shifts a coefficient by 5 u at | η there | shows at | what to do |"
-_RULE = "|---|---|---|---|---|"
+_HEAD = (
+    "| what is wrong | shifts a coefficient by 5 u at | η there | shows at | what to do | printed |"
+)
+_RULE = "|---|---|---|---|---|---|"
 _PAGE = """\
 # What the data cannot tell
 
@@ -33,7 +44,10 @@ move them. Causes that show before they shift a coefficient by 5 u are in
 
 What to do is one of three things: state a standard deviation in the run file, which puts the cause
 into U; let the method estimate the coefficient; or, where the run file has no key for it, know that
-the result holds within the limit that the second column gives.
+the result holds within the limit that the second column gives. Of those without a key the last
+column counts the devices whose verdict names the cause: in the line "these data cannot show the
+following, and U does not hold it …", with the size that shifts a coefficient by 5 u in that run; of
+axes and lever arms that norms do not see, in the line "norms … do not tell …".
 {sections}"""
 _ABOUT = {
     "six_position": (
@@ -99,8 +113,18 @@ def _two(x: float) -> str:
     return f"{round(x, 1 - math.floor(math.log10(abs(x)))):.{digits}f}"
 
 
-def text() -> str:
-    """Return the page."""
+def _printed(counted: Mapping[Cell, Count], name: str, violation: Violation) -> str:
+    """Return in how many devices the verdict named a cause that no key counts, "" of others."""
+    if not violation.limit:
+        return ""
+    cells = {(cell.case, cell.violation, cell.at): one for cell, one in counted.items()}
+    at = AS_IT_IS if violation.gross else FIVE_U
+    one = cells.get((name, violation.name, at))
+    return f"{one.printed} of {one.devices}" if one else "–"
+
+
+def text(counted: Mapping[Cell, Count]) -> str:
+    """Return the page, with what the verdicts of the devices printed."""
     sections: list[str] = []
     for name in CASES:
         rows = [
@@ -114,18 +138,23 @@ def text() -> str:
                     if math.isinf(line.seen.at_six)
                     else f"{_two(line.seen.at_six)} {line.violation.unit}",
                     line.violation.counted,
+                    _printed(counted, name, line.violation),
                 )
             )
             + " |"
             for line in lines(name)
         ]
-        blind = [v.name for v in case(name).violations if v.symmetric]
-        rows += [f"| {one} | at once | 0 | never | the report says it |" for one in blind]
+        rows += [
+            f"| {one.name} | at once | 0 | never | compare the sign of each axis with its attitude "
+            f"in one row | {_printed(counted, name, one)} |"
+            for one in case(name).violations
+            if one.symmetric
+        ]
         table = "\n".join([_HEAD, _RULE, *rows]) if rows else "Nothing of what was tried."
         sections.append(f"\n## {name}\n\n{_ABOUT[name]}\n\n{table}\n")
     return _PAGE.format(sections="".join(sections))
 
 
-def write() -> None:
+def write(counted: Mapping[Cell, Count]) -> None:
     """Write the page."""
-    PAGE.write_text(text(), encoding="utf-8")
+    PAGE.write_text(text(counted), encoding="utf-8")

@@ -75,6 +75,9 @@ class Count:
     consistent, reservations, unreliable, refused : int
     first, group : int
         The true cause is the suspect; it is among the group that is named.
+    printed : int
+        A limitation that is printed names the cause, where no key of the run file counts it; or
+        it is in the group that is named.
     nees : float
         Mean over devices that gave a result; NaN without.
     """
@@ -85,6 +88,7 @@ class Count:
     refused: int = 0
     first: int = 0
     group: int = 0
+    printed: int = 0
     nees: float = math.nan
 
     @property
@@ -105,6 +109,7 @@ class Count:
             self.refused + other.refused,
             self.first + other.first,
             self.group + other.group,
+            self.printed + other.printed,
             sum(parts) / (one + two) if parts else math.nan,
         )
 
@@ -177,7 +182,9 @@ def count(part: tuple[Cell, range]) -> Count:
         suspects = own.suspects if own else ()
         grades = [int(answer.grade == word) for word in GRADES]
         named = [int(bool(set(names) & set(suspects))) for names in (answer.first, answer.group)]
-        whole = whole + Count(*grades, *named, nees=answer.nees)
+        printed = own is not None and own.limit != "" and answer.limits_name(own.limit)
+        printed |= bool(named[1])
+        whole = whole + Count(*grades, *named, printed=int(printed), nees=answer.nees)
     return whole
 
 

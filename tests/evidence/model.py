@@ -73,6 +73,9 @@ class Violation:
         Of a mistake without a size: whether the readings are those of another device, exactly.
     followed : bool
         Whether an estimator follows it beyond the first order, so that only this counts.
+    limit : str
+        Where no key of the run file counts it in U: the word that the verdict's limitations have
+        for it.
     """
 
     name: str
@@ -85,6 +88,7 @@ class Violation:
     counted: str = ""
     symmetric: bool = False
     followed: bool = False
+    limit: str = ""
 
 
 @dataclass(frozen=True)

@@ -117,12 +117,12 @@ def rivals(kinds: str, *estimated: str) -> dict[str, tuple[str, ...]]:
 
 
 NO_KEY = "no key counts it: a data sheet's limit"
-FOUND_BY = {
+NO_KEYS = {
     "k2": f"{NO_KEY}, or tumble, centrifuge_norm, multi_position with also",
     "k3": f"{NO_KEY}, or tumble, centrifuge_norm or multi_position with also",
+    "drift": "repeat the first position at the end; of a recording [sensor] bias_instability",
 }
 NO_GYRO_KEY = "no key counts it: a data sheet's limit, or steady rates of several sizes"
-NO_DRIFT_KEY = "repeat the first position at the end; of a recording [sensor] bias_instability"
 
 
 def of_accelerometers(
@@ -132,9 +132,8 @@ def of_accelerometers(
 
     `counted` says by name what counts it in U, where that is not `NO_KEY`.
     """
-    said = (
-        dict.fromkeys(left_out, NO_KEY) | FOUND_BY | {"drift": NO_DRIFT_KEY} | dict(counted or {})
-    )
+    keys = dict(counted or {})
+    said = dict.fromkeys(left_out, NO_KEY) | NO_KEYS | keys
     known = {
         "k2": ("second-order nonlinearity k2", "µg/g²", UG / G0**2, 1e5),
         "k3": ("third-order nonlinearity k3", "µg/g³", UG / G0**3, 1e5),
@@ -158,6 +157,7 @@ def of_accelerometers(
                     1e5,
                     None,
                     said["drift"],
+                    limit="drift of accelerometers",
                 )
             )
             continue
@@ -165,7 +165,12 @@ def of_accelerometers(
         suspects = (name, *every("a", name))
         if name == "delta_o":
             suspects += ("delta_p", *every("a", "delta_p"))
-        made.append(Violation(words, unit, si, every("a", name), suspects, most, None, said[name]))
+        limit = "" if name in keys else name
+        made.append(
+            Violation(
+                words, unit, si, every("a", name), suspects, most, None, said[name], limit=limit
+            )
+        )
     return tuple(made)
 
 
@@ -177,14 +182,24 @@ def of_gyros(*left_out: str) -> tuple[Violation, ...]:
             change, suspects = every("g", "drift"), ("drift of gyros", *_each("g"))
             made.append(
                 Violation(
-                    "drift of the gyros", "°/h", DEG_H, change, suspects, 1e6, None, NO_DRIFT_KEY
+                    "drift of the gyros",
+                    "°/h",
+                    DEG_H,
+                    change,
+                    suspects,
+                    1e6,
+                    None,
+                    NO_KEYS["drift"],
+                    limit="drift of gyros",
                 )
             )
         elif name == "scale_prime":
             change = every("g", name)
             words = "asymmetry of the gyros' scale factor"
             suspects = (name, *change)
-            made.append(Violation(words, "ppm", PPM, change, suspects, 2e5, None, NO_GYRO_KEY))
+            made.append(
+                Violation(words, "ppm", PPM, change, suspects, 2e5, None, NO_GYRO_KEY, limit=name)
+            )
         elif name == "g":
             change = every("g", "g_i") | every("g", "g_p") | every("g", "g_o")
             suspects = ("g_i", "g_p", "g_o", *change)
@@ -196,7 +211,17 @@ def of_gyros(*left_out: str) -> tuple[Violation, ...]:
             words = "second-order nonlinearity of the gyros"
             suspects = (name, *change)
             made.append(
-                Violation(words, "ppm/(rad/s)", PPM, change, suspects, 1e6, None, NO_GYRO_KEY)
+                Violation(
+                    words,
+                    "ppm/(rad/s)",
+                    PPM,
+                    change,
+                    suspects,
+                    1e6,
+                    None,
+                    NO_GYRO_KEY,
+                    limit=name,
+                )
             )
     return tuple(made)
 
@@ -213,7 +238,7 @@ def swapped(first: int, second: int) -> Violation:
         y[..., [first, second]] = y[..., [second, first]]
         return y
 
-    return Violation("swapped axes", gross=change)
+    return Violation("swapped axes", gross=change, limit="exchanged")
 
 
 def reversed_axis(axis: int) -> Violation:
@@ -224,7 +249,7 @@ def reversed_axis(axis: int) -> Violation:
         y[..., axis] *= -1
         return y
 
-    return Violation("reversed axis", gross=change)
+    return Violation("reversed axis", gross=change, limit="reversed axis")
 
 
 def wrong_unit(factor: float, columns: slice = slice(None)) -> Violation:

@@ -95,7 +95,7 @@ def write(counted: Mapping[Cell, Count]) -> None:
         summary=tables_of.summary(table), table=tables_of.text(table), runs="\n".join(rows)
     )
     PAGE.write_text(page, encoding="utf-8")
-    cannot_tell.write()
+    cannot_tell.write(table)
 
 
 def read() -> list[tuple[Cell, Count]]:

@@ -2,8 +2,19 @@
 
 import numpy as np
 import pytest
-from tests.evidence import store, tables_of
-from tests.evidence.cells import BASE, CASES, DEVICES, Cell, Count, cells_of, count
+from tests.evidence import cannot_tell, store, tables_of
+from tests.evidence.cells import (
+    AS_IT_IS,
+    BASE,
+    CASES,
+    DEVICES,
+    FIVE_U,
+    Cell,
+    Count,
+    case,
+    cells_of,
+    count,
+)
 
 # Chance is the same by its seed. Another processor or library rounds otherwise, and a p-value
 # within 1e-6 of the level is then on the other side: in 40 devices that is one at most; one more
@@ -42,6 +53,17 @@ def test_base_cases_are_called_consistent(stored: list[tuple[Cell, Count]]):
             if cell.case == name and cell.at == BASE:
                 whole = whole + one
         assert whole.noticed <= 0.02 * whole.devices, name
+
+
+def test_what_no_residual_shows_and_no_key_counts_is_named(stored: list[tuple[Cell, Count]]):
+    at_five = {(c.case, c.violation): one for c, one in stored if c.at in (FIVE_U, AS_IT_IS)}
+    for name in {cell.case for cell, _ in stored}:
+        hidden = [line.violation for line in cannot_tell.lines(name)]
+        hidden += [one for one in case(name).violations if one.symmetric]
+        for violation in hidden:
+            one = at_five[name, violation.name]
+            few = one.printed < tables_of.FEWEST * one.devices
+            assert not (violation.limit and few), f"{name}: {violation.name}"
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ from typing import cast
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.evidence import cannot_tell
+from tests.evidence import cannot_tell, store
 from tests.evidence.cells import (
     BASE,
     CASES,
@@ -132,7 +132,7 @@ def test_the_linear_problem_has_the_uncertainties_of_the_estimator(name: str):
 def test_the_page_of_what_the_data_cannot_tell_has_the_figures_of_the_cases():
     stored = cannot_tell.PAGE.read_text(encoding="utf-8")
     number = re.compile(r"\d+\.?\d*")
-    now = cannot_tell.text()
+    now = cannot_tell.text(dict(store.read()))
     assert number.sub("#", stored) == number.sub("#", now)
     figures = [np.array([float(x) for x in number.findall(text)]) for text in (stored, now)]
     # Two digits: another rounding is 5 % at most.
@@ -143,3 +143,39 @@ def test_each_cause_that_cannot_show_has_a_way_to_count_it():
     for name in CASES:
         for one in cannot_tell.lines(name):
             assert one.violation.counted, f"{name}: {one.violation.name}"
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.slow if n in SLOW else ()) for n in CASES]
+)
+def test_the_verdict_names_each_cause_that_cannot_show_and_that_no_key_counts(name: str):
+    answer = answer_of(Cell(name, "", BASE, 0.0, 0.0, 90.0, 1, 1), 0)
+    hidden = [one.violation for one in cannot_tell.lines(name)]
+    hidden += [one for one in case(name).violations if one.symmetric]
+    without = [one for one in hidden if one.limit]
+    assert [one.name for one in without if not answer.limits_name(one.limit)] == []
+
+
+@pytest.mark.parametrize("name", ["six_position", "centrifuge_norm", "dual_orthogonal", "tumble"])
+def test_the_size_that_is_printed_of_what_cannot_show_shifts_a_coefficient_by_five_u(name: str):
+    answer = answer_of(Cell(name, "", BASE, 0.0, 0.0, 90.0, 1, 1), 0)
+    assert answer.chi**2 < 60  # else u is enlarged
+    compared: list[str] = []
+    for full, size in answer.unseen.items():
+        axis, _, short = full.removeprefix("drift of ").rpartition(".")
+        own = f"{axis}.{short}" if axis else f"{short}.drift"
+        if own.rpartition(".")[2] not in ("k2", "koq", "k1_prime", "drift") or not full:
+            continue
+        seen = case(name).visibility(Violation(own, si=size / 5, change={own: 1.0}, most=100.0))
+        assert seen.at_five == pytest.approx(5.0, rel=0.1), own
+        assert seen.eta_at_five < 7.5
+        compared.append(own)
+    assert compared
+
+
+def test_causes_that_show_are_no_limitations():
+    """Head and arm show k3 and harmonics long before they shift a coefficient."""
+    for name, shown in (("tumble", ("harmonic 3",)), ("centrifuge_norm", ("k3", "koq"))):
+        answer = answer_of(Cell(name, "", BASE, 0.0, 0.0, 90.0, 1, 1), 0)
+        assert answer.limits
+        assert [word for word in shown if answer.limits_name(word)] == []

@@ -1,6 +1,7 @@
 """What a generator made, handed to inercal, and what inercal says of it."""
 
 import math
+import re
 import tempfile
 import warnings
 from collections.abc import Mapping
@@ -11,10 +12,12 @@ from typing import Literal
 import numpy as np
 from tests.evidence.model import Files
 
+from inercal.calibration.unseen import unseen
 from inercal.errors import InercalError
 from inercal.pipeline import Outcome, calibrate
 
 Grade = Literal["consistent", "reservations", "unreliable", "refused"]
+_LIMIT = ("cannot show", "do not tell")
 
 
 @dataclass(frozen=True)
@@ -37,6 +40,10 @@ class Answer:
         Standard uncertainty of each coefficient, SI.
     chi : float
         Norm of the whitened residual.
+    limits : tuple of str
+        The verdict's lines that say what the data cannot tell.
+    unseen : mapping of str to float
+        Coefficients of which they say a size that shifts another by 5 u, and that size, SI.
     """
 
     grade: Grade
@@ -46,6 +53,12 @@ class Answer:
     words: str
     std: Mapping[str, float] = field(default_factory=dict[str, float])
     chi: float = math.nan
+    limits: tuple[str, ...] = ()
+    unseen: Mapping[str, float] = field(default_factory=dict[str, float])
+
+    def limits_name(self, what: str) -> bool:
+        """Return whether a limitation has a word, by itself or behind an axis: "a.k2"."""
+        return any(re.search(rf"(?<!\w){re.escape(what)}(?!\w)", line) for line in self.limits)
 
 
 def ask(files: Files, truth: dict[str, float]) -> Answer:
@@ -66,7 +79,9 @@ def ask(files: Files, truth: dict[str, float]) -> Answer:
     std = dict(zip(found.sensor.coefficients, found.std.tolist(), strict=True))
     chi = float(np.sqrt(np.sum(outcome.estimate.chi2)))
     nees, verdict = _nees(outcome, truth), outcome.verdict
-    return Answer(verdict.grade, first, group, nees, verdict.lines[0], std, chi)
+    sizes = {one.component: one.size for one in unseen(outcome.estimate, found.sensor)}
+    limits = tuple(line for line in verdict.lines if any(word in line for word in _LIMIT))
+    return Answer(verdict.grade, first, group, nees, verdict.lines[0], std, chi, limits, sizes)
 
 
 def suspects(outcome: Outcome) -> tuple[tuple[str, ...], tuple[str, ...]]:

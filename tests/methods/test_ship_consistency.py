@@ -89,6 +89,20 @@ def test_a_radius_that_is_5_percent_off_is_named(name: str):
         assert float(found.birge) > 1.5
 
 
+@pytest.mark.parametrize("name", ["planar", "joint"])
+def test_a_lean_alike_at_all_rests_is_named(name: str):
+    given = case(2, 14, replace(Bench(), radius=0.0))
+    rests = [step.label for step in given.steps if step.rate == 0]
+    lean = {f"lean_1[{label}]": np.array(0.7 * np.pi / 180) for label in rests}
+    more = felt(given.bench, given.steps, lean).f - felt(given.bench, given.steps, {}).f
+    found = of_one(name, given, readings=given.seen.mean[0] + more)
+    suspect = assess(found, len(SENSOR.coefficients)).suspect
+    assert suspect is not None
+    assert "lean" in (suspect.name, *suspect.alike)
+    score = next(one for one in found.scored.scores if one.name == "lean")
+    assert score.size[0] == pytest.approx(0.7 * np.pi / 180, abs=4 * score.sd[0])
+
+
 def test_a_search_tests_its_norms_too():
     given = case(2, 1)
     told = replace(given.bench, radius=replace(given.bench.radius, value=RADIUS * 1.05))

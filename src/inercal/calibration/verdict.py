@@ -14,18 +14,20 @@ from inercal.calibration.grade import (
     is_far,
     verdict_of,
 )
+from inercal.calibration.unseen import Unseen, table_line, unseen, unseen_exact
 from inercal.estimate import Estimate
 from inercal.estimate.scores import LEVEL, Kind
 from inercal.parameters import Parameter
 from inercal.recording import Finding
 from inercal.sensors import Sensor
-from inercal.sensors.tables import TABLES, Coefficient
 from inercal.units import digits, readable
 
 _LEAST = 1e-99  # smallest probability that is printed
 _SHOWN = {"rad": "″", "m/s²": "µg", "rad/s": "°/h", "m": "mm", "s": "ms", "1": "ppm"}
 _PER_CENT = 0.01  # above, a ratio is shown in %
 _LISTED = 6  # candidates that a line lists
+_DRIFT, _PRIOR = "drift of ", "prior of "  # and the axis, or the coefficient
+_BIAS = {"f": "k0", "w": "bias"}
 NOTHING: Mapping[str, Parameter] = MappingProxyType({})
 
 
@@ -77,7 +79,7 @@ def verdict(
         "scale is wrong"
         for name, scale in scales.items()
     ]
-    lines += _unseen(estimate, expected, p)
+    lines += _unseen(estimate, sensor, expected, possible, row_word, assessment.suspect)
     lines += estimate.notes
     lines += [f.message for f in findings if f.severity == "warning"]
     return verdict_of(estimate, assessment, findings, tuple(scales), tuple(lines))
@@ -174,19 +176,7 @@ def _suspect(
             else "this method cannot estimate it; its shift is not in U"
         )
     elif one.kind == "bench":
-        # Of the components of one vector, such as the angles of a mounting, the clearest.
-        clear = np.nan_to_num(np.abs(one.sizes) / np.asarray(one.sds))
-        k = int(np.argmax(clear))
-        stated = expected.get(one.components[k])
-        sd = 0.0 if stated is None else stated.sd
-        departure = _shown(one.sizes[k], one.sds[k], one.units[k])
-        known = f"± {_shown(sd, 0.0, one.units[k])}" if sd else "as exact"
-        meaning = "" if stated is None or not stated.meaning else f" ({stated.meaning})"
-        lines = (
-            f"suspect: bench parameter {one.components[k]}{meaning}; it departs by {departure} "
-            f"from its stated value, which is stated {known}"
-        )
-        advice = "measure it again, or state it with its true uncertainty"
+        lines, advice = _bench(one, sensor, expected)
     elif one.kind == "row":
         lines = f"suspect: the readings of {one.name}"
         advice = f"look at this {row_word}; repeat it or leave it out"
@@ -213,9 +203,35 @@ def _suspect(
     return made
 
 
+def _bench(one: Suspect, sensor: Sensor, expected: Mapping[str, Parameter]) -> tuple[str, str]:
+    """Return what is said of a suspected statement of the run file, and what to do."""
+    # Of the components of one vector, such as the angles of a mounting, the clearest.
+    k = int(np.argmax(np.nan_to_num(np.abs(one.sizes) / np.asarray(one.sds))))
+    name, size, sd = one.components[k], one.sizes[k], one.sds[k]
+    if name.startswith(_PRIOR):
+        full = name.removeprefix(_PRIOR)
+        departure = in_words(sensor, "coefficient", full, size, sd, one.units[k])
+        return (
+            f"suspect: the {name}; the data depart from it by {departure}",
+            f"look at [method.prior] {full}, or state it with its true uncertainty",
+        )
+    stated, of_rows = expected.get(name), ""
+    if stated is None:  # one error of all rows, in the place of one for each
+        rows = [one for full, one in expected.items() if full.startswith(f"{name}[")]
+        stated, of_rows = (rows[0] if rows else None), f", alike in all {len(rows)} rows"
+    meaning = "" if stated is None or not stated.meaning else f" ({stated.meaning})"
+    known = "as exact" if stated is None or not stated.sd else ""
+    known = known or f"± {_shown(stated.sd if stated else 0.0, 0.0, one.units[k])}"
+    return (
+        f"suspect: bench parameter {name}{meaning}{of_rows}; it departs by "
+        f"{_shown(size, sd, one.units[k])} from its stated value, which is stated {known}",
+        "measure it again, or state it with its true uncertainty",
+    )
+
+
 def _coefficient(one: Suspect, sensor: Sensor) -> str:
     """Return the suspected coefficients with their sizes, in the units of reports."""
-    lines = {line.name: line for line in (_line(sensor, name) for name in one.components)}
+    lines = {line.name: line for line in (table_line(sensor, name) for name in one.components)}
     first = next(iter(lines.values()))
     meaning = first.meaning if len(lines) == 1 else ", ".join(lines)
     parts = [
@@ -242,7 +258,7 @@ def in_words(sensor: Sensor, kind: Kind, name: str, size: float, sd: float, unit
     """
     if kind != "coefficient" or not np.isfinite(size):
         return _shown(size, sd, unit)
-    line = _line(sensor, name)
+    line = table_line(sensor, name)
     value, spread = digits(size / line.si, sd / line.si)
     return f"{value} ± {spread} {line.unit}"
 
@@ -259,41 +275,55 @@ def _shown(value: float, sd: float, unit: str) -> str:
     return readable(value, sd, unit)
 
 
-def _line(sensor: Sensor, full: str) -> Coefficient:
-    """Return the line of the table behind a full name, estimated or not."""
-    axis, _, short = full.partition(".")
-    measures = next(a.measures for a in sensor.axes if a.name == axis)
-    return next(line for line in TABLES[measures] if line.name == short)
+def _unseen(
+    estimate: Estimate,
+    sensor: Sensor,
+    expected: Mapping[str, Parameter],
+    possible: Collection[str],
+    row_word: str,
+    suspect: Suspect | None,
+) -> list[str]:
+    """Name what the calibration leaves out and no test of these data can see: U lacks it.
 
-
-def _unseen(estimate: Estimate, expected: Mapping[str, Parameter], count: int) -> list[str]:
-    """Name what the calibration leaves out and no test of these data can see: U lacks it."""
-    scores = estimate.scored.scores
-    seen = {name for one in scores if one.dof for name in one.components}
-    u = estimate.std[:count]
-    moving = [one for one in scores if not one.dof and bool(np.any(one.shift[:count] > u))]
-    unseen = [
-        one.name for one in moving if one.kind == "coefficient" and not seen & set(one.components)
+    The suspect is not among it: so large it is seen.
+    """
+    own = (suspect.name, *suspect.components) if suspect is not None else ()
+    short = {name.rpartition(".")[2] for name in own}
+    found = [one for one in unseen(estimate, sensor) if one.name.rpartition(".")[2] not in short]
+    parts = [
+        f"wrong readings of one {row_word}" if one.name == "row" else one.name for one in found
     ]
-    families = [name for name in unseen if "." not in name] or unseen
-    exact = [
-        one.name
-        for one in moving
-        if one.kind == "bench"
-        and all(name in expected and expected[name].sd == 0 for name in one.components)
-    ]
-    lines: list[str] = []
-    if families:
-        lines.append(
-            f"these data cannot show {', '.join(families)}: what the sensor has of it is in other "
-            "coefficients and not in U"
+    for k, one in enumerate(found):
+        if np.isfinite(one.size):
+            parts[k] += f" ({_whole(sensor, one)})"
+    said: list[str] = []
+    if parts:
+        free = [one.name for one in found if one.component in possible]
+        tail = f"; the method can estimate {', '.join(free)} ([method] also)" if free else ""
+        said.append(
+            "these data cannot show the following, and U does not hold it (in brackets the size "
+            f"that shifts a coefficient by 5 u): {', '.join(parts)}{tail}"
         )
-    if exact:
-        lines.append(
-            f"these data cannot show an error of {', '.join(exact)}, which the run file states as "
+    if exact := unseen_exact(estimate, sensor, expected):
+        said.append(
+            f"these data cannot show an error of {', '.join(exact)}, which the run file takes as "
             "exact: state its uncertainty"
         )
-    return lines
+    return ["; ".join(said)] if said else []
+
+
+def _whole(sensor: Sensor, one: Unseen) -> str:
+    """Return a size with two digits, in the unit of reports."""
+    if one.component.startswith(_DRIFT):
+        axis = one.component.removeprefix(_DRIFT)
+        line = table_line(sensor, f"{axis}.{_BIAS[_measures(sensor, axis)]}")
+    else:
+        line = table_line(sensor, one.component)
+    return f"{digits(0.0, one.size / line.si)[1]} {line.unit}"
+
+
+def _measures(sensor: Sensor, name: str) -> str:
+    return next(axis.measures for axis in sensor.axes if axis.name == name)
 
 
 def _row(assessment: Assessment, row_word: str) -> list[str]:

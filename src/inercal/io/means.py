@@ -129,6 +129,7 @@ def means_of(
         samples=np.ones(len(labels), dtype=np.int64),
         time=np.arange(len(labels), dtype=float),
         channels=sensor.channels,
+        timed=False,
     )
 
 

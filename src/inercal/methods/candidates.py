@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from inercal.estimate import Candidate, Problem
 from inercal.parameters import Parameter
 from inercal.sensors import G0, SI_UNITS, Sensor
-from inercal.sensors.tables import Coefficient
+from inercal.sensors.tables import LARGEST, TABLES, Coefficient
 
 Array = NDArray[np.float64]
 
@@ -29,26 +29,23 @@ _SHARED = ("run", "speed", "mounting", "pass")
 # SI per SI unit: whole turns leave this little of what they take out.
 _ROUNDED = 1e-12
 _COMPONENTS = ("x", "y", "z", "1", "2")
-# Plausible at most: a coefficient or a bench parameter of a tenth of its natural size.
-LARGEST = 0.1
 _NATURAL = {"m/s²": G0, "(m/s²)⁻¹": 1 / G0}
 _SI = {"f": "m/s²", "w": "rad/s"}
 _BIAS = {"f": "k0", "w": "bias"}
 
 
 def extended(sensor: Sensor) -> Sensor:
-    """Return the sensor with every coefficient of its axes' tables, those chosen first."""
-    groups = ("bias", "scale", "misalignment", "nonlinearity", "asymmetry", "cross", "rotation")
-    kinds = {axis.measures for axis in sensor.axes}
-    own = {"f": (*groups, "arm"), "w": (*groups[:5], "g", "g2")}
-    words = {
-        word
-        for kind in kinds
-        for word in own[kind]
-        if kind == "f" or word not in ("cross", "rotation")
-    }
-    everything = sensor.with_coefficients(*sorted(words)).coefficients
-    more = tuple(name for name in everything if name not in sensor.coefficients)
+    """Return the sensor with all coefficients of its axes' tables, those chosen first.
+
+    Those of temperature are left out: a table of means has none.
+    """
+    whole = tuple(
+        f"{axis.name}.{line.name}"
+        for axis in sensor.axes
+        for line in TABLES[axis.measures]
+        if not line.basis.uses("dT")
+    )
+    more = tuple(name for name in whole if name not in sensor.coefficients)
     return replace(sensor, coefficients=(*sensor.coefficients, *more))
 
 
@@ -65,6 +62,7 @@ def of_means(
     time: Array | None = None,
     families: Mapping[str, Sequence[str]] | None = None,
     told: Sequence[str] = (),
+    common: Sequence[str] = (),
 ) -> Callable[[Array], Sequence[Candidate]]:
     """Return what `Problem.candidates` takes, for a problem of mean readings or of norms.
 
@@ -86,6 +84,8 @@ def of_means(
         those of one short name, parameters of the bench in place of each alone.
     told : sequence of str, optional
         Coefficients that are estimated with a prior, which may be wrong.
+    common : sequence of str, optional
+        As of `of_common`.
     """
 
     def candidates(x: Array) -> list[Candidate]:
@@ -98,6 +98,7 @@ def of_means(
         return [
             *of_columns(larger.observations, sensor, names, declared, column, families),
             *of_priors(sensor, told, column),
+            *of_common(declared, column, common),
             *(() if time is None else of_drift(larger.observations, sensor, time, column)),
         ]
 
@@ -146,7 +147,7 @@ def _of_sensor(
             members,
             tuple(SI_UNITS[larger.coefficient(full).unit] for full in members),
             np.stack([column[full] for full in members], axis=-1),
-            largest=LARGEST * np.array([larger.coefficient(full).natural for full in members]),
+            largest=np.array([larger.coefficient(full).largest for full in members]),
         )
         for name, members in (*together, *alone)
     ]
@@ -190,6 +191,44 @@ def of_bench(
     ]
 
 
+def of_common(
+    declared: Mapping[str, Parameter], column: Mapping[str, Array], names: Sequence[str]
+) -> list[Candidate]:
+    """Return errors that are stated for each row by itself, as one that is alike in all rows.
+
+    Errors of the rows that are independent as stated vary: their mean is hardly off by as much.
+
+    Parameters
+    ----------
+    declared, column
+        As of `of_means`.
+    names : sequence of str
+        Of the vectors: "lean" has the components "lean_1[row]" and "lean_2[row]".
+    """
+    made: list[Candidate] = []
+    for name in names:
+        sums: dict[str, list[str]] = {}
+        for full in declared:
+            component = full.partition("[")[0]
+            if full in column and component.rpartition("_")[0] == name:
+                sums.setdefault(component, []).append(full)
+        if any(len(rows) < 2 for rows in sums.values()) or not sums:
+            continue
+        first = [declared[rows[0]] for rows in sums.values()]
+        columns = [np.sum([column[full] for full in rows], axis=0) for rows in sums.values()]
+        made.append(
+            Candidate(
+                name,
+                "bench",
+                tuple(sums),
+                tuple(one.unit for one in first),
+                np.stack(columns, axis=-1),
+                largest=np.array([_largest(one) for one in first]),
+            )
+        )
+    return made
+
+
 def of_priors(sensor: Sensor, told: Sequence[str], column: Mapping[str, Array]) -> list[Candidate]:
     """Return the priors of coefficients, which may be wrong: those of a kind, and each alone.
 
@@ -207,7 +246,7 @@ def of_priors(sensor: Sensor, told: Sequence[str], column: Mapping[str, Array]) 
             tuple(f"prior of {full}" for full in members),
             tuple(SI_UNITS[sensor.coefficient(full).unit] for full in members),
             np.stack([column[full] for full in members], axis=-1),
-            largest=LARGEST * np.array([sensor.coefficient(full).natural for full in members]),
+            largest=np.array([sensor.coefficient(full).largest for full in members]),
         )
         for name, members in (*together, *alone)
     ]

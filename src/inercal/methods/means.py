@@ -18,7 +18,6 @@ from inercal.errors import NotObserved
 from inercal.estimate import Estimate, Gaussian, Problem, least_squares
 from inercal.methods import candidates
 from inercal.methods.curvature import Curvature, of_tilts
-from inercal.methods.hidden import hidden
 from inercal.methods.observed import not_observed, require_observed, require_separated
 from inercal.motion import Motion
 from inercal.observe import vector
@@ -69,7 +68,7 @@ def ml(
         raise not_observed(sensor, error.directions, missing) from None
     require_observed(estimate, sensor, missing)
     require_separated(sensor, done, missing, priors)
-    return replace(estimate, tests=observations.tests, notes=hidden(estimate, sensor))
+    return replace(estimate, tests=observations.tests)
 
 
 def problem(

@@ -66,7 +66,9 @@ def joint_problem(
 
     # Rows of a table without times are taken in the order in which they were measured.
     declared = bench.nuisances(steps)
-    return vectors.problem(observations, sensor, declared, motion, priors, timed=True)
+    return vectors.problem(
+        observations, sensor, declared, motion, priors, timed=True, common=("lean",)
+    )
 
 
 def of_rows(

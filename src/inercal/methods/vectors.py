@@ -92,6 +92,7 @@ def problem(
     gauges: tuple[Gauge, ...] = (),
     timed: bool = False,
     families: Mapping[str, Sequence[str]] | None = None,
+    common: Sequence[str] = (),
 ) -> Problem:
     """Return the problem of all readings.
 
@@ -116,6 +117,8 @@ def problem(
         Whether a drift of the biases over the rows' times is a candidate of the score tests.
     families : mapping of str to sequence of str, optional
         Of candidates, as of `inercal.methods.candidates.of_means`.
+    common : sequence of str, optional
+        Errors of single rows that may be alike, as of `inercal.methods.candidates.of_common`.
     """
     p = len(sensor.coefficients)
     loose, known = split(declared)
@@ -171,6 +174,7 @@ def problem(
             observations.time if timed else None,
             families,
             [name for prior in priors for name in prior.names],
+            common,
         ),
     )
 

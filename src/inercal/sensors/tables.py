@@ -25,6 +25,7 @@ G0 = 9.80665  # m/s², exact (CGPM 1901)
 _UG, _PPM, _ARCSEC, _MM = 1e-6 * G0, 1e-6, pi / 648_000, 1e-3
 _DEG_PER_H = pi / 180 / 3600
 _FORCE = ("fi", "fp", "fo")
+LARGEST = 0.1  # of the natural size: a coefficient is hardly larger
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,11 @@ class Coefficient:
     meaning: str
     group: str  # what a run file may call it together with its kind
     natural: float = field(default=1.0)  # SI size that reads 1 g (or 1 rad/s) at 1 g and 1 rad/s
+
+    @property
+    def largest(self) -> float:
+        """The largest plausible size, SI."""
+        return LARGEST * self.natural
 
 
 def _table(measures: float, *lines: tuple[str, str, str, float, str, str, str]):

@@ -144,6 +144,7 @@ def centrifuge_norm() -> Case:
             1e3,
             None,
             'also = ["ax.arm_i"], with [data] attitude',
+            limit="lever arms",
         ),
         Violation("one outlying dwell", "mg", 1e-3 * G0, {"step": 1.0}, ("p01 at 60 rpm",), 1e4),
         *sensors.of_accelerometers("k3", "koq", "k1_prime", "delta_o", "drift", counted=_ALSO),

@@ -80,6 +80,7 @@ BENCH = (
         1e3,
         None,
         "the recording in the place of its means: each rest is tested against itself",
+        limit="wrong readings",
     ),
 )
 GROSS = (
@@ -264,6 +265,7 @@ def ferraris() -> Case:
             1e6,
             None,
             "the recording in the place of its means",
+            limit="wrong readings",
         ),
     )
     accelerometers = sensors.of_accelerometers("k2", "k3", "k1_prime", "drift")

@@ -132,19 +132,22 @@ def _case(
         unknowns |= {f"trim[{k}]": Unknown(np.sqrt(2) * 0.1 * ARCSEC) for k in trimmed}
     unknowns |= {f"drift_{axis}[{j}]": Unknown(1 * UG) for axis in axes for j in range(len(passes))}
     both = dict.fromkeys(axes, 1.0)
+    prior = "[method.prior] of k3, as wide as it may be"
 
     def sensor(
         name: str, words: str, unit: str, si: float, counted: str = sensors.NO_KEY
     ) -> Violation:
         change = {f"{axis}.{name}": size for axis, size in both.items()}
         suspects = (name, *change)
-        return Violation(words, unit, si, change, suspects, 1e5, None, counted)
+        limit = name if counted == sensors.NO_KEY else ""
+        if counted == prior:
+            suspects += tuple(f"prior of {one}" for one in suspects)
+        return Violation(words, unit, si, change, suspects, 1e5, None, counted, limit=limit)
 
     angles = [f"{round(np.degrees(a))}°" for a in theta]
     ways = ["forward" if k < N else "reverse" for k in range(rows)]
     labels = tuple(f"{a} {way}" for a, way in zip(angles, ways, strict=True))
     rivals = {n: tuple(f"{axis}.{n}" for axis in axes) for n in ("koq", "k1_prime", "kpp")}
-    prior = "[method.prior] of k3, as wide as it may be"
     violations = (
         Violation(
             "first harmonic of the head",

@@ -1,6 +1,7 @@
 """Recordings by hand: six positions sample by sample, and many positions in unknown attitudes."""
 
 import io
+from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
 
@@ -208,10 +209,8 @@ def multi_position_means() -> Case:
         _GRAVITY,
         Violation("one outlying rest", "mg", 1e-3 * G0, {"step": 1.0}, ("r01", "ax[r01]"), 1e4),
         *sensors.of_accelerometers("k2", "k3", "k1_prime", "kip", "drift", counted=_ALSO),
-        *(
-            Violation(one.name, gross=one.gross, symmetric=True)
-            for one in (sensors.swapped(0, 1), sensors.reversed_axis(1))
-        ),
+        replace(sensors.swapped(0, 1), symmetric=True),
+        replace(sensors.reversed_axis(1), symmetric=True),
         sensors.wrong_unit(1 / G0),
         sensors.decimal_shift(2),
         sensors.dead(2),

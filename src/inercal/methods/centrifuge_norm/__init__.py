@@ -41,6 +41,10 @@ SIGNS = (
     "norms do not tell a reversed axis, whose k0 and k2 only change sign, nor two axes exchanged: "
     "compare the sign of each axis with its attitude in one dwell"
 )
+ARMS = (
+    "without [data] attitude they do not tell lever arms either: 1 µm on a radius of 1 m counts as "
+    "up to 1 ppm of k1, and U does not hold it"
+)
 
 
 def ml(
@@ -74,7 +78,8 @@ def ml(
     require_observed(estimate, sensor, missing=())
     notes = [_seen(estimate)]
     if bench.indexing is None:
-        notes.append(SIGNS)
+        known = all(step.attitude is not None for step in steps)
+        notes.append(SIGNS if known else f"{SIGNS}; {ARMS}")
     elif observations.mean.ndim == 2:
         notes.append(_gained(estimate, observations, sensor, bench, steps, priors))
     return replace(estimate, notes=(*notes, *estimate.notes))

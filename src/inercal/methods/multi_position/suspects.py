@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.estimate import Candidate
-from inercal.methods.candidates import LARGEST, family
+from inercal.methods.candidates import family
 from inercal.methods.multi_position.chain import entering, placed
 from inercal.methods.multi_position.rests import Rests, Rows
 from inercal.methods.multi_position.rotations import affine, carried, rotations
@@ -89,7 +89,7 @@ def _of_coefficients(rests: Rests, rows: Rows, x: Array, enter: Array) -> Iterat
         for name, chosen in (*together, *((full, (full,)) for full in members)):
             units = tuple(SI_UNITS[larger.coefficient(full).unit] for full in chosen)
             rows_of = np.stack([columns[full] for full in chosen], axis=-1)
-            largest = LARGEST * np.array([larger.coefficient(full).natural for full in chosen])
+            largest = np.array([larger.coefficient(full).largest for full in chosen])
             yield Candidate(name, "coefficient", chosen, units, rows_of, largest=largest)
 
 
@@ -173,7 +173,7 @@ def _of_drift(rests: Rests, rows: Rows, x: Array, enter: Array) -> Iterator[Cand
 
 
 def _of_rests(rests: Rests, enter: Array) -> Iterator[Candidate]:
-    """Return each rest by itself, with its time."""
+    """Return each rest by itself, with its time where that is known."""
     sensor, seen = rests.sensor, rests.observations
     axes = [k for k, one in enumerate(sensor.axes) if one.measures == "f" or rests.passages]
     units = tuple(_UNITS[sensor.axes[k].measures] for k in axes)
@@ -181,4 +181,5 @@ def _of_rests(rests: Rests, enter: Array) -> Iterator[Candidate]:
         own = np.zeros((len(enter), enter.shape[1], len(axes)))
         own[k] = enter[k][:, axes]
         names = tuple(f"{sensor.axes[a].name}[{label}]" for a in axes)
-        yield Candidate(f"{label} at {time:.4g} s", "row", names, units, placed(rests, own))
+        name = f"{label} at {time:.4g} s" if seen.timed else label
+        yield Candidate(name, "row", names, units, placed(rests, own))
