@@ -13,12 +13,14 @@ tests, and the score tests of what was left out. Their overall level is 1 %: .8 
 
 The suspect is the candidate with the smallest p-value, if it explains the residuals better than a
 scatter of all rows does: what remains agrees with what was stated, or is small beside it (F test).
-Candidates whose explained residual lies within 30° of the suspect's cannot be told from it.
+Candidates whose explained residual lies within 30° of the suspect's cannot be told from it. Among
+those that explain as much (χ² within 4) the first is named that can be mended: a coefficient that
+the method can estimate, then the bench, a change over the run, a row, and last other coefficients.
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -39,8 +41,9 @@ TONES: dict[Grade, str] = {"consistent": "good", "reservations": "care", "unreli
 COVERAGE = 2.0  # U = k u; about 95 % for the degrees of freedom met here
 _SCATTER = 2.0  # times what was stated
 _SHIFT = 1.0  # U
-_FAR = (0.7, 1.4)  # of the nominal scale factor; crude sensors are within a quarter
-_ORDER: tuple[Kind, ...] = ("coefficient", "bench", "time", "row")
+_FAR = (0.65, 1.5)  # of the nominal scale factor; crude sensors are within a quarter
+_ORDER: tuple[Kind, ...] = ("bench", "time", "row", "coefficient")
+_AS_GOOD = 4.0  # of χ²: two standard deviations of one direction
 _TINY = 1e-280  # below, a probability is taken from its asymptote
 
 
@@ -105,12 +108,16 @@ class Suspect:
 
 @dataclass(frozen=True)
 class Row:
-    """The row of the data that agrees least with the others, and its p-value among all rows."""
+    """The row of the data that agrees least with the others, and its p-value among all rows.
+
+    `alike` are the rows that no test tells from it.
+    """
 
     name: str
     chi2: float
     dof: int
     adjusted: float
+    alike: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -174,7 +181,7 @@ class Verdict:
         return self.lines[k]
 
 
-def assess(estimate: Estimate, count: int) -> Assessment:
+def assess(estimate: Estimate, count: int, possible: Collection[str] = ()) -> Assessment:
     """Return the tests of an estimate, judged together.
 
     Parameters
@@ -183,6 +190,8 @@ def assess(estimate: Estimate, count: int) -> Assessment:
         Without a trial axis.
     count : int
         How many of its first parameters are coefficients.
+    possible : collection of str, optional
+        Full names of the coefficients that the method can estimate.
     """
     named = [(f"residuals: {group.name}", group.chi2, group.dof) for group in estimate.groups]
     if not named and estimate.dof:
@@ -198,7 +207,7 @@ def assess(estimate: Estimate, count: int) -> Assessment:
     )
     significant = [s for s in scored.scores if among_all(scored, s) < LEVEL]
     return Assessment(
-        tests, _suspect(estimate, count, significant), _row(estimate), bool(significant)
+        tests, _suspect(estimate, count, significant, possible), _row(estimate), bool(significant)
     )
 
 
@@ -324,18 +333,32 @@ def _number(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
-def _suspect(estimate: Estimate, count: int, significant: Sequence[Score]) -> Suspect | None:
+def _suspect(
+    estimate: Estimate, count: int, significant: Sequence[Score], possible: Collection[str]
+) -> Suspect | None:
     scored = estimate.scored
     convincing = [score for score in significant if _explains(estimate, score)]
     if not convincing:
         return None
     logs = {score.name: _log_p(score) for score in convincing}
     least = min(logs.values())
+
+    def rank(score: Score) -> tuple[bool, int]:
+        return not set(score.components) <= set(possible), _ORDER.index(score.kind)
+
     # Candidates that are one direction of the data have one p-value, but for rounding.
-    first = min(
+    best = min(
         (score for score in convincing if logs[score.name] <= least + 1e-6 * abs(least)),
-        key=lambda score: (_ORDER.index(score.kind), -len(score.components)),
+        key=lambda score: (rank(score), -len(score.components)),
     )
+    as_good = [
+        score
+        for score in convincing
+        if score.chi2 > best.chi2 - _AS_GOOD
+        and best.cosine(score) >= ALIKE
+        and not set(score.components) & set(best.components)
+    ]
+    first = min((best, *as_good), key=lambda score: (rank(score), score is not best, -score.chi2))
     related = {one for one in scored.scores if set(one.components) & set(first.components)}
     alike = [
         one.name
@@ -378,7 +401,9 @@ def _row(estimate: Estimate) -> Row | None:
     if not rows:
         return None
     worst = min(rows, key=_log_p)
-    return Row(worst.name, worst.chi2, worst.dof, min(1.0, len(rows) * worst.p_value))
+    alike = (one for one in rows if one is not worst and worst.cosine(one) >= ALIKE)
+    p_value = min(1.0, len(rows) * worst.p_value)
+    return Row(worst.name, worst.chi2, worst.dof, p_value, tuple(one.name for one in alike))
 
 
 def _log_p(score: Score) -> float:

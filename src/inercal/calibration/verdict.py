@@ -19,7 +19,7 @@ from inercal.estimate import Estimate
 from inercal.estimate.scores import LEVEL, Kind
 from inercal.parameters import Parameter
 from inercal.recording import Finding
-from inercal.sensors import Sensor
+from inercal.sensors import G0, Sensor
 from inercal.units import digits, readable
 
 _LEAST = 1e-99  # smallest probability that is printed
@@ -28,6 +28,8 @@ _PER_CENT = 0.01  # above, a ratio is shown in %
 _LISTED = 6  # candidates that a line lists
 _DRIFT, _PRIOR = "drift of ", "prior of "  # and the axis, or the coefficient
 _BIAS = {"f": "k0", "w": "bias"}
+_PULL = 2.0  # standard deviations; a smaller one is nothing to look at
+_OF_A_UNIT = 0.1  # as near to the ratio of two units a scale factor looks like it
 NOTHING: Mapping[str, Parameter] = MappingProxyType({})
 
 
@@ -55,8 +57,14 @@ def verdict(
         What a row of the data is called: "position or turn".
     """
     p = len(sensor.coefficients)
-    assessment = assess(estimate, p)
-    lines = _summary(estimate, assessment, p)
+    assessment = assess(estimate, p, possible)
+    scales = {
+        name: 1 + float(value)
+        for name, value in zip(sensor.coefficients, estimate.value[:p], strict=True)
+        if name.partition(".")[2] in ("k1", "scale") and is_far(1 + float(value))
+    }
+    wrong = bool(scales) or any(one.severity == "refused" for one in findings)
+    lines = _summary(estimate, assessment, p, wrong)
     if assessment.suspect is not None:
         lines += _suspect(assessment.suspect, sensor, expected, possible, row_word)
     elif assessment.scores_reject:
@@ -69,14 +77,8 @@ def verdict(
         lines += _pulls(estimate, expected)
     if estimate.dof or estimate.groups:
         lines += _leading(estimate, sensor)
-    scales = {
-        name: 1 + float(value)
-        for name, value in zip(sensor.coefficients, estimate.value[:p], strict=True)
-        if name.partition(".")[2] in ("k1", "scale") and is_far(1 + float(value))
-    }
     lines += [
-        f"{name} comes out at {scale:.3g} times nominal: the axis is reversed or the nominal "
-        "scale is wrong"
+        f"{name} comes out at {scale:.3g} times nominal: {_why_far(name, scale)}"
         for name, scale in scales.items()
     ]
     lines += _unseen(estimate, sensor, expected, possible, row_word, assessment.suspect)
@@ -90,16 +92,31 @@ def chance(p: float) -> str:
     return f"= {p:.1g}" if p > _LEAST else f"< {_LEAST:.0e}"
 
 
-def _summary(estimate: Estimate, assessment: Assessment, count: int) -> list[str]:
-    """Say how the residuals agree with noise and bench as stated."""
+def _why_far(name: str, scale: float) -> str:
+    """Return what makes a scale factor this far from nominal."""
+    if scale < 0:
+        return "the axis is reversed"
+    if name.endswith(".k1"):
+        for ratio, words in (
+            (G0, "m/s² that is stated as g"),
+            (1 / G0, "g that is stated as m/s²"),
+        ):
+            if abs(scale / ratio - 1) < _OF_A_UNIT:
+                return f"its column looks like {words}"
+    return "its nominal scale is wrong, or one of its readings is"
+
+
+def _summary(estimate: Estimate, assessment: Assessment, count: int, wrong: bool) -> list[str]:
+    """Say how the residuals agree with noise and bench as stated; `wrong`: more than they show."""
     first = f"{count} coefficients found"
     if estimate.groups:
-        lines = _by_group(estimate, first)
+        lines = _by_group(estimate, first, wrong)
     elif not estimate.dof:
         tested = assessment.tests or estimate.scored.scores
         agree = "do not agree" if assessment.rejects else "agree"
+        what = "the residuals" if wrong else "the data"
         lines = [
-            f"{first}; the data {agree} with the stated noise and bench by the tests that were made"
+            f"{first}; {what} {agree} with the stated noise and bench by the tests that were made"
             if tested
             else f"{first}; this estimator makes no test of how well the data agree"
         ]
@@ -109,15 +126,17 @@ def _summary(estimate: Estimate, assessment: Assessment, count: int) -> list[str
             f"p = {p:.2f}" if p >= LEVEL else f"p {chance(p)}"
         )
         if estimate.consistent:
-            whole = "the residuals agree" if assessment.rejects else "the data agree"
+            whole = "the residuals agree" if assessment.rejects or wrong else "the data agree"
             tail = ", but further tests reject the model" if assessment.rejects else ""
             lines = [f"{first}; {whole} with the stated noise and bench ({numbers}){tail}"]
         else:
-            tail = "" if assessment.rejects else "; chance does as much once in twenty runs"
-            lines = [
-                f"{first}, but the residuals are larger than noise and bench allow ({numbers}): "
-                f"all uncertainties are scaled by {float(estimate.birge):.2f}{tail}"
-            ]
+            large = (
+                ", but the residuals are larger than noise and bench allow"
+                if assessment.rejects
+                else f"; the residuals are large, as chance makes them in {100 * p:.1g} % of runs"
+            )
+            by = f"all uncertainties are scaled by {float(estimate.birge):.2f}"
+            lines = [f"{first}{large} ({numbers}): {by}"]
     lines += [
         f"{test.name}: χ² = {test.statistic:.1f} with {test.dof} degrees of freedom, p "
         f"{chance(test.p_value)} ({chance(test.adjusted).removeprefix('= ')} among "
@@ -128,7 +147,7 @@ def _summary(estimate: Estimate, assessment: Assessment, count: int) -> list[str
     return lines
 
 
-def _by_group(estimate: Estimate, first: str) -> list[str]:
+def _by_group(estimate: Estimate, first: str, wrong: bool) -> list[str]:
     """Say how each kind of observations agrees with its noise."""
     numbers = "; ".join(
         f"{group.name} χ² = {group.chi2:.1f} with {group.dof}, p {chance(group.p_value)}"
@@ -145,7 +164,8 @@ def _by_group(estimate: Estimate, first: str) -> list[str]:
         )
     if not beyond:
         tested = all(group.dof > 0 for group in estimate.groups)
-        agree = "the data agree with their noise" if tested else "what can be tested agrees"
+        what = "the residuals agree" if wrong else "the data agree"
+        agree = f"{what} with their noise" if tested else "what can be tested agrees"
         return [f"{first}; {agree} ({numbers})", *lines]
     added = ", ".join(f"{group.spread.excess:.2g} {group.unit} of {group.name}" for group in beyond)
     return [
@@ -179,7 +199,7 @@ def _suspect(
         lines, advice = _bench(one, sensor, expected)
     elif one.kind == "row":
         lines = f"suspect: the readings of {one.name}"
-        advice = f"look at this {row_word}; repeat it or leave it out"
+        advice = f"look at this {row_word}, and repeat it"
     else:
         parts = ", ".join(
             _shown(size, sd, unit)
@@ -331,9 +351,10 @@ def _row(assessment: Assessment, row_word: str) -> list[str]:
     row, suspect = assessment.row, assessment.suspect
     if row is None or row.adjusted >= LEVEL or (suspect is not None and suspect.kind == "row"):
         return []
+    alike = f" (or {', '.join(row.alike)}: these data cannot tell)" if row.alike else ""
     return [
-        f"the {row_word} that agrees least with the others is {row.name}: χ² of its readings is "
-        f"{row.chi2:.1f} with {row.dof}, p {chance(row.adjusted)} over all rows"
+        f"the {row_word} that agrees least with the others is {row.name}{alike}: χ² of its "
+        f"readings is {row.chi2:.1f} with {row.dof}, p {chance(row.adjusted)} over all rows"
     ]
 
 
@@ -342,17 +363,18 @@ def _pulls(estimate: Estimate, expected: Mapping[str, Parameter]) -> list[str]:
     lines: list[str] = []
     if estimate.observations:
         worst = int(np.argmax(np.abs(estimate.whitened)))
-        size = digits(0.0, abs(float(estimate.whitened[worst])))[1]
-        lines.append(
-            f"the largest residual is {estimate.observations[worst]}, {size} standard deviations"
-        )
+        if (largest := abs(float(estimate.whitened[worst]))) > _PULL:
+            lines.append(
+                f"the largest residual is {estimate.observations[worst]}, "
+                f"{digits(0.0, largest)[1]} standard deviations"
+            )
     pulls = {
         name: abs(float(value - expected[name].value)) / expected[name].sd
         for name, value in zip(estimate.names, estimate.value, strict=True)
         if name in expected and expected[name].sd > 0
     }
-    if pulls:
-        name = max(pulls, key=lambda one: pulls[one])
+    name = max(pulls, key=lambda one: pulls[one], default="")
+    if name and pulls[name] > _PULL:
         short, _, place = name.rstrip("]").partition("[")
         named = f"{short} of {place}" if place else short
         size = digits(0.0, pulls[name])[1]

@@ -16,6 +16,7 @@ from inercal.sensors import Sensor, inverse
 
 _MEANT = 0.7  # cosine: within 45° of the nominal direction
 _ALIGNED = 0.9
+_POSSIBLE = (0.2, 2.5)  # g, of a crude sensor at rest
 _EVEN = 1e-6  # length of the mean direction of faces in pairs
 _WHOLE_TURN = 300 * pi / 180  # rad, after which what turns has no mean across the axis
 _END = 0.1  # s at either end of a turn
@@ -53,6 +54,7 @@ def check_against_plan(
     felt = inverse(bare, observations.mean, np.zeros(0))
     findings: list[Finding] = []
     holds = np.array([isinstance(step, Hold) for step in steps])
+    _check_sizes(felt.f / gravity, steps)
     offset = _offset(felt.f, steps, gravity)
     for k, step in enumerate(steps):
         if isinstance(step, Hold):
@@ -69,6 +71,18 @@ def check_against_plan(
             findings += _check_turn(step, (felt.w[k] - bias) * observations.duration[k])
             _check_gravity_turns(step, (felt.f[k] - offset) / gravity)
     return tuple(findings)
+
+
+def _check_sizes(f: np.ndarray, steps: Sequence[HandStep]) -> None:
+    """Refuse a hold that alone reads far from 1 g; f in g, (r, 3)."""
+    holds = [k for k, step in enumerate(steps) if isinstance(step, Hold)]
+    odd = [k for k in holds if not _POSSIBLE[0] < np.linalg.norm(f[k]) < _POSSIBLE[1]]
+    if odd and 2 * len(odd) < len(holds):
+        k = odd[0]
+        raise InputError(
+            f"section {steps[k].label} should read about 1 g, but the accelerometers read "
+            f"{_list(f[k])} g: is its unit or a decimal point wrong?"
+        )
 
 
 def _offset(force: np.ndarray, steps: Sequence[HandStep], gravity: float) -> np.ndarray:
