@@ -10,6 +10,7 @@ from inercal.benches import DividingHead
 from inercal.benches.dividing_head import felt
 from inercal.benches.passes import passes, places
 from inercal.errors import InputError
+from inercal.methods.by_angle import by_bench
 from inercal.motion import Motion
 from inercal.plan import Index
 from inercal.recording import Finding, Observations
@@ -22,6 +23,7 @@ _SWING = (0.5, 2.0)  # times g
 _FEWEST = 3  # positions that tell a phase
 _LARGEST = 3e-3  # rad, 10′: what levels and autocollimators read
 _ALONE = 8.0  # times the usual difference between passes
+_STATED = 4.0  # standard deviations of a difference, by noise and bench
 _REPEATED = 4  # positions that tell the usual difference
 _NORMAL = 1.4826  # standard deviations of a normal distribution in its median absolute one
 
@@ -92,7 +94,9 @@ def tell_apart(
     """Return a warning for each position whose visits differ far more than those of others.
 
     At one position the accelerometers read alike in each pass, but for drift, once what level and
-    autocollimator told is taken out: a slip of the pen stands alone.
+    autocollimator told is taken out: a slip of the pen stands alone. It is also beyond what the
+    bench states of single readings: an autocollimator that brings the head back is read anew in
+    each pass, so that these positions differ more than others.
 
     Parameters
     ----------
@@ -109,15 +113,22 @@ def tell_apart(
     couples = [(j, k) for k, j in enumerate(where) if j != k and which[j] != which[k]]
     if len(couples) < _REPEATED:
         return ()
+    r, m = observations.mean.shape
+    own = by_bench(sensor.with_coefficients(), bench, steps, gravity=False).reshape(r, m, r, m)
     variance = np.diagonal(observations.covariance, axis1=-2, axis2=-1)
     found: list[Finding] = []
     for c, channel in enumerate(sensor.channels):
         changes = np.array([left[k, c] - left[j, c] for j, k in couples])
         change = changes - np.median(changes)
+        of_bench = own[:, c, :, c]
         noise = np.sqrt(np.array([variance[j, c] + variance[k, c] for j, k in couples]))
+        turned = [of_bench[j, j] + of_bench[k, k] - 2 * of_bench[j, k] for j, k in couples]
+        stated = np.sqrt(noise**2 + np.array(turned))
         usual = np.maximum(_NORMAL * np.median(np.abs(change)), noise)
-        for (j, k), size, limit in zip(couples, change.tolist(), usual.tolist(), strict=True):
-            if abs(size) > _ALONE * limit:
+        beyond = np.abs(change) > np.maximum(_ALONE * usual, _STATED * stated)
+        rows = zip(couples, change.tolist(), usual.tolist(), beyond.tolist(), strict=True)
+        for (j, k), size, limit, alone in rows:
+            if alone:
                 found.append(
                     Finding(
                         "warning",
