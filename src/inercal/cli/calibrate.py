@@ -25,7 +25,8 @@ def run(
 ) -> None:
     """Find a sensor's coefficients and their uncertainties from a recording.
 
-    The exit status is 0, or 3 where the result is written but is not to be relied on.
+    The exit status is 0, 2 for input that cannot be used, 3 where the result is written but is not
+    to be relied on, or 130 when interrupted.
     """
     from contextlib import nullcontext
 

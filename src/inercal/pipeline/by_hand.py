@@ -121,6 +121,9 @@ def _planned_sections(
     observations = observe(recording, run.sensor, marks, steps, found=True, drifting=True)
     if run.data.marks == "found":
         observations = replace(observations, notes=(*observations.notes, _BY_READINGS))
+    if run.data.gyro and not run.sensor.only("w").axes:
+        note = f"the gyros were not looked at: method {run.method.name} finds nothing of them"
+        observations = replace(observations, notes=(*observations.notes, note))
     findings = check_turn_ends(recording, run.sensor, marks, steps)
     return marks, observations, recording.findings + missing + moving + findings
 
