@@ -517,9 +517,9 @@ def test_a_row_that_stands_alone_is_named(tmp_path: Path, slip: str):
 def test_a_position_brought_back_by_the_autocollimator_may_differ_as_stated(tmp_path: Path):
     """0.1″ of each of four readings is 0.2″ of the difference between two passes."""
     table = Table(3)
-    for read, named in ((0.5, False), (1.2, True)):
+    for size, named in ((0.5, False), (1.2, True)):
         table.columns["read"] = np.zeros(24)
-        table.columns["read"][6] = read
+        table.columns["read"][6] = size
         table.write(tmp_path)
         column = ('angle = "angle"', 'angle = "angle"\nautocollimator = "read"')
         verdict = calibrate(run_file(tmp_path, column)).verdict
