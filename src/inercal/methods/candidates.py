@@ -29,6 +29,8 @@ _SHARED = ("run", "speed", "mounting", "pass")
 # SI per SI unit: whole turns leave this little of what they take out.
 _ROUNDED = 1e-12
 _COMPONENTS = ("x", "y", "z", "1", "2")
+# rad; these are not measured badly but mistaken: north for south, east for north.
+MISTAKEN = {"azimuth": np.pi, "latitude": np.pi / 2}
 _NATURAL = {"m/s²": G0, "(m/s²)⁻¹": 1 / G0}
 _SI = {"f": "m/s²", "w": "rad/s"}
 _BIAS = {"f": "k0", "w": "bias"}
@@ -254,6 +256,8 @@ def of_priors(sensor: Sensor, told: Sequence[str], column: Mapping[str, Array]) 
 
 def _largest(parameter: Parameter) -> float:
     """Return the largest plausible departure of a bench's parameter from what was stated, SI."""
+    if parameter.name in MISTAKEN:
+        return MISTAKEN[parameter.name]
     natural = max(abs(parameter.value), _NATURAL.get(parameter.unit, 1.0))
     return max(LARGEST * natural, 10 * parameter.sd)
 

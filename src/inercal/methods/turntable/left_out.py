@@ -25,7 +25,7 @@ from inercal.benches.turntable_attitude import misalignment, reference
 from inercal.estimate import Candidate
 from inercal.estimate.scores import Kind
 from inercal.frames import exp_so3, log_so3
-from inercal.methods.candidates import LARGEST, family
+from inercal.methods.candidates import LARGEST, MISTAKEN, family
 from inercal.methods.turntable import model
 from inercal.methods.turntable.model import Triad
 from inercal.motion import Motion
@@ -34,7 +34,7 @@ from inercal.sensors.tables import SI_UNITS, TABLES
 
 Array = NDArray[np.float64]
 MODES = 8  # cosines over the run that a slow change of a bias is described by
-_HARMONICS = 2  # of each axis, tested at least
+_HARMONICS = 3  # of each axis, tested at least
 _NOT_FELT = ("arm", "rotation", "temperature")  # groups of coefficients
 _UNITS = {"f": "m/s²", "w": "rad/s"}
 _WORDS = {"f": "accelerometers", "w": "gyros"}
@@ -285,13 +285,13 @@ def candidates(columns: Sequence[Column], rows: Array, moved: Array | None) -> l
 
 def _bench(name: str, unit: str) -> Column:
     """Return a parameter of the bench, with others of its key in a run file and by itself."""
-    harmonic, bracket, axis = name.partition("[")
-    if bracket and harmonic[:3] in ("sin", "cos"):
-        families = ("harmonics", f"harmonics[{axis}")
+    wave, bracket, axis = name.partition("[")
+    if bracket and wave[:3] in ("sin", "cos"):
+        families = ("harmonics", f"harmonics[{axis}", f"harmonic {wave[3:]}[{axis}")
     else:
         key = name.partition("_")[0]
         families = (key, name) if key in ("lean", "square") else (name,)
-    return Column(name, "bench", unit, LARGEST, families)
+    return Column(name, "bench", unit, MISTAKEN.get(name, LARGEST), families)
 
 
 def _inverse(part: Triad, theta: Array) -> Array:

@@ -27,7 +27,7 @@ from inercal.methods._base import Method
 from inercal.methods.observed import require_observed
 from inercal.methods.turntable.drift import covariance_of_means
 from inercal.methods.turntable.left_out import families
-from inercal.methods.turntable_discrete.felt import Way, felt, mean, planned, rows
+from inercal.methods.turntable_discrete.felt import Way, declared, felt, mean, planned, rows
 from inercal.plan import Position, Rotation, TableStep
 from inercal.recording import Observations, Track
 from inercal.sensors import Sensor
@@ -100,11 +100,11 @@ def problem(
         On coefficients.
     """
     motion, df, dw = rows(bench, ways)
-    declared = {n: p for n, p in bench.nuisances().items() if n in df or n in dw}
+    known = {n: p for n, p in declared(bench).items() if n in df or n in dw}
     whole = vectors.problem(
         observations,
         sensor,
-        declared,
+        known,
         lambda q: felt(bench, motion, df, dw, q),
         priors,
         timed=True,

@@ -22,6 +22,7 @@ from inercal.earth import earth_rate_up_north
 from inercal.frames import log_so3
 from inercal.methods.vectors import Felt
 from inercal.motion import Motion
+from inercal.parameters import Parameter
 from inercal.plan import Position, TableStep
 
 Array = NDArray[np.float64]
@@ -42,6 +43,13 @@ class Way:
 
     time: Array
     angles: Array
+
+
+def declared(bench: Turntable) -> dict[str, Parameter]:
+    """Return the bench's parameters by name, with its latitude, which is exact."""
+    meaning = "latitude of the bench"
+    latitude = Parameter("latitude", "rad", 0.0, "run", bench.latitude, meaning)
+    return bench.nuisances() | {"latitude": latitude}
 
 
 def planned(bench: Turntable, steps: Sequence[TableStep]) -> list[Way]:
@@ -107,7 +115,8 @@ def row(bench: Turntable, way: Way) -> Row:
 
     f, w = mean(back @ force, time, -2), mean(back @ earth, time, -2)
     by_f, by_w = moved(force), moved(earth)
-    dw: dict[str, Array] = {}
+    northward = np.array([0, -up, north])  # ∂(earth's rate)/∂(latitude)
+    dw = {"latitude": mean(back @ northward, time, -2)}
     if len(time) > 1:
         lasting = time[-1] - time[0]
         steps = log_so3(back[..., :-1, :, :] @ mat[..., 1:, :, :])
@@ -166,11 +175,11 @@ def felt(
     q : mapping of str to (...) array
         Values by name, SI; those missing are as declared.
     """
-    declared = bench.nuisances()
+    known = declared(bench)
     f, w = motion.f, motion.w
     for name in {*df, *dw} & set(q):
         # The readback is taken as it came: a known delay is off it as much as an unknown one.
-        off = q[name] - (0.0 if name == "latency" else declared[name].value)
+        off = q[name] - (0.0 if name == "latency" else known[name].value)
         if np.any(off):
             beside = off[..., None, None]
             f = f + df[name] * beside if name in df else f
