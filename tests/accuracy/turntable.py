@@ -87,7 +87,7 @@ NAVIGATION = grade(0.002, 0.01, 5, 10, flicker=True)
 class Table:
     """Standard deviations of the table, and what is as it is."""
 
-    harmonics: tuple[float, float] = (2 * ARCSEC, 1 * ARCSEC)  # amplitudes, any phase
+    harmonics: tuple[float, ...] = (2 * ARCSEC, 1 * ARCSEC)  # amplitudes, any phase
     white: float = 0.5 * ARCSEC
     square: float = 2 * ARCSEC  # of each of two right angles
     lean: float = 5 * ARCSEC
@@ -296,7 +296,7 @@ def draw(
     time = np.arange(n) / hz
     squares = table.square * rng.standard_normal((trials, 2))
     base = np.array([table.lean, table.lean, table.azimuth]) * rng.standard_normal((trials, 3))
-    phases = rng.uniform(0, 2 * pi, (trials, 2, 3))
+    phases = rng.uniform(0, 2 * pi, (trials, len(table.harmonics), 3))
     outer, middle, inner = (about(a, true[:, k]) for k, a in enumerate((2, 0, 1)))
     earth = EARTH * np.array([0, np.cos(table.latitude), np.sin(table.latitude)])
     gyro = np.concatenate(
