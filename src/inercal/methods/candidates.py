@@ -10,6 +10,7 @@ Further candidates are single rows, whose readings may be anything, and a drift 
 the run, linear in time.
 """
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
@@ -29,8 +30,9 @@ _SHARED = ("run", "speed", "mounting", "pass")
 # SI per SI unit: whole turns leave this little of what they take out.
 _ROUNDED = 1e-12
 _COMPONENTS = ("x", "y", "z", "1", "2")
-# rad; these are not measured badly but mistaken: north for south, east for north.
-MISTAKEN = {"azimuth": np.pi, "latitude": np.pi / 2}
+# rad: north is taken for south, east for north; harmonics of a readback are small in any encoder.
+_MISTAKEN = {"azimuth": np.pi, "latitude": np.pi / 2}
+_HARMONIC = 0.01
 _NATURAL = {"m/s²": G0, "(m/s²)⁻¹": 1 / G0}
 _SI = {"f": "m/s²", "w": "rad/s"}
 _BIAS = {"f": "k0", "w": "bias"}
@@ -256,10 +258,15 @@ def of_priors(sensor: Sensor, told: Sequence[str], column: Mapping[str, Array]) 
 
 def _largest(parameter: Parameter) -> float:
     """Return the largest plausible departure of a bench's parameter from what was stated, SI."""
-    if parameter.name in MISTAKEN:
-        return MISTAKEN[parameter.name]
     natural = max(abs(parameter.value), _NATURAL.get(parameter.unit, 1.0))
-    return max(LARGEST * natural, 10 * parameter.sd)
+    return max(largest_angle(parameter.name, LARGEST * natural), 10 * parameter.sd)
+
+
+def largest_angle(name: str, otherwise: float = LARGEST) -> float:
+    """Return the largest plausible departure of an angle of the bench by its name, rad."""
+    if re.match(r"(sin|cos)\d", name):
+        return _HARMONIC
+    return _MISTAKEN.get(name, otherwise)
 
 
 def _acts(column: Array) -> bool:

@@ -25,7 +25,7 @@ from inercal.benches.turntable_attitude import misalignment, reference
 from inercal.estimate import Candidate
 from inercal.estimate.scores import Kind
 from inercal.frames import exp_so3, log_so3
-from inercal.methods.candidates import LARGEST, MISTAKEN, family
+from inercal.methods.candidates import LARGEST, family, largest_angle
 from inercal.methods.turntable import model
 from inercal.methods.turntable.model import Triad
 from inercal.motion import Motion
@@ -291,7 +291,7 @@ def _bench(name: str, unit: str) -> Column:
     else:
         key = name.partition("_")[0]
         families = (key, name) if key in ("lean", "square") else (name,)
-    return Column(name, "bench", unit, MISTAKEN.get(name, LARGEST), families)
+    return Column(name, "bench", unit, largest_angle(name), families)
 
 
 def _inverse(part: Triad, theta: Array) -> Array:
