@@ -1,5 +1,6 @@
 """Holds and turns of a turntable, found by what its axes read back."""
 
+from dataclasses import replace
 from math import pi, radians
 
 import numpy as np
@@ -48,6 +49,17 @@ def test_each_position_is_a_hold_and_each_long_turn_is_found(hz: float, noise: f
     assert [turn.axis for turn in turns] == [0, 0]
     assert [turn.angle for turn in turns] == pytest.approx([4 * pi, -2 * pi], abs=0.1)
     assert [turn.rate for turn in turns] == pytest.approx([0.5, -0.5], rel=0.02)
+
+
+@pytest.mark.parametrize("hz", [50.0, 200.0])
+def test_a_turn_goes_from_rest_to_rest_where_another_axis_starts_at_once(hz: float):
+    other = Position("aside", (0.0, pi / 2, 0.0), 10.0)
+    steps = (other, Rotation("there", 0, 2 * pi, 0.5), replace(other, angles=HOME))
+    time, angles, labels = moved(steps, hz, 0.0)
+    rates = np.abs(np.gradient(angles, 1 / hz, axis=0)).max(axis=1)
+    (turn,) = find_turns(time, angles, labels)
+    assert rates[[turn.start, turn.stop]].max() < radians(1)
+    assert np.abs(np.gradient(rates, 1 / hz)[turn.stop - 20 : turn.stop]).max() > radians(10)
 
 
 def test_a_coarse_readback_still_rests():

@@ -128,6 +128,7 @@ def find_turns(time: Array, angles: Array, labels: NDArray[np.str_] | None) -> t
     margin = _samples(time, _SPAN)
     for a, b in zip(start[alone].tolist(), stop[alone].tolist(), strict=True):
         axis = int(np.argmax(sense[a] != 0))
+        a, b = _to_rest(sense[:, axis], a, b, 2 * margin + 1)
         # Where an axis starts, stops or turns back its rate is too small to tell.
         reach = float(np.ptp(angles[max(a - margin, 0) : b + margin, axis]))
         way = float(sense[a, axis]) * reach
@@ -135,6 +136,20 @@ def find_turns(time: Array, angles: Array, labels: NDArray[np.str_] | None) -> t
         if abs(way) > (_SETTLES if named else _HALF):
             found.append(Turned(axis, a, b, way, float(np.median(rate[a:b, axis]))))
     return tuple(found)
+
+
+def _to_rest(sense: Array, start: int, stop: int, most: int) -> tuple[int, int]:
+    """Return a turn up to where it comes to rest, if another axis starts there or has just stopped.
+
+    Rates over a span see that axis too soon, and this one too long: rest is halfway. A row of means
+    goes from rest to rest, or it depends on the latency.
+    """
+    other = sense != sense[start]
+    begin = max(start - most, 0)
+    before = np.flatnonzero(other[begin:start])
+    after = np.flatnonzero(other[stop : stop + most])
+    first = (begin + int(before[-1]) + 1 + start) // 2 if before.size else start
+    return first, stop + int(after[0]) // 2 if after.size else stop
 
 
 def _rates(time: Array, angles: Array) -> Array:
