@@ -125,7 +125,7 @@ VIOLATIONS = {
         "square", 1.0, table=replace(TABLE, square=30 * ARCSEC)
     ),
     "harmonics": Violation(
-        "harmonics", 1.0, table=replace(TABLE, harmonics=(20 * ARCSEC, 10 * ARCSEC))
+        "harmonic", 1.0, table=replace(TABLE, harmonics=(20 * ARCSEC, 10 * ARCSEC))
     ),
     "third harmonic": Violation(
         "harmonic", 1.0, table=replace(TABLE, harmonics=(*TABLE.harmonics, 20 * ARCSEC))

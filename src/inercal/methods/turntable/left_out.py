@@ -33,7 +33,9 @@ from inercal.sensors import G0, Sensor
 from inercal.sensors.tables import SI_UNITS, TABLES
 
 Array = NDArray[np.float64]
-MODES = 8  # cosines over the run that a slow change of a bias is described by
+# Cosines over the run that a slow change of a bias is described by. Each axis is a candidate by
+# itself: the level is shared among candidates, and one of many columns takes much of it.
+MODES = 6
 _HARMONICS = 3  # of each axis, tested at least
 _NOT_FELT = ("arm", "rotation", "temperature")  # groups of coefficients
 _UNITS = {"f": "m/s²", "w": "rad/s"}
@@ -113,7 +115,7 @@ def of_sensor(part: Triad, motion: Motion, time: Array) -> tuple[tuple[Column, .
             drift[:, a, 3 * k + a] = shape
             name = f"drift of {axis.name}"
             if k > 0:
-                name, families = f"mode {k} of {axis.name}", (f"slow changes of {_WORDS[kind]}",)
+                name, families = f"mode {k} of {axis.name}", (f"slow changes of {axis.name}",)
             else:
                 families = f"drift of {_WORDS[kind]}", name
             largest = LARGEST * (G0 if kind == "f" else 1.0)
@@ -287,7 +289,7 @@ def _bench(name: str, unit: str) -> Column:
     """Return a parameter of the bench, with others of its key in a run file and by itself."""
     wave, bracket, axis = name.partition("[")
     if bracket and wave[:3] in ("sin", "cos"):
-        families = ("harmonics", f"harmonics[{axis}", f"harmonic {wave[3:]}[{axis}")
+        families = (f"harmonics[{axis}", f"harmonic {wave[3:]}[{axis}")
     else:
         key = name.partition("_")[0]
         families = (key, name) if key in ("lean", "square") else (name,)
