@@ -33,9 +33,9 @@ from inercal.sensors import G0, Sensor
 from inercal.sensors.tables import SI_UNITS, TABLES
 
 Array = NDArray[np.float64]
-# Cosines over the run that a slow change of a bias is described by. Each axis is a candidate by
-# itself: the level is shared among candidates, and one of many columns takes much of it.
-MODES = 6
+# Cosines over the run that a slow change of a bias is described by: few, as the level is shared
+# among candidates, and one of many columns takes much of it.
+MODES = 4
 _HARMONICS = 3  # of each axis, tested at least
 _NOT_FELT = ("arm", "rotation", "temperature")  # groups of coefficients
 _UNITS = {"f": "m/s²", "w": "rad/s"}
@@ -115,7 +115,7 @@ def of_sensor(part: Triad, motion: Motion, time: Array) -> tuple[tuple[Column, .
             drift[:, a, 3 * k + a] = shape
             name = f"drift of {axis.name}"
             if k > 0:
-                name, families = f"mode {k} of {axis.name}", (f"slow changes of {axis.name}",)
+                name, families = f"mode {k} of {axis.name}", (f"slow changes of {_WORDS[kind]}",)
             else:
                 families = f"drift of {_WORDS[kind]}", name
             largest = LARGEST * (G0 if kind == "f" else 1.0)
