@@ -25,6 +25,9 @@ DEGREE = np.pi / 180
 EARTH = 7.292115e-5  # rad/s, WGS 84
 GRAVITY, GRAVITY_SD, LATITUDE = 9.80123, 1e-5, 38 * DEGREE
 HZ, THIN = 50.0, 5
+# rad/s³. Accelerations that begin exactly at a sample, all of them, would leave what rates miss
+# within a sample with one sign: no table does so, and scale factors would show it.
+JERK = 300 * DEGREE
 WHITE_A, WHITE_G = 60e-6 * G0, 0.1 * DEGREE / 60  # per √Hz
 FLICKER_A, FLICKER_G = 15e-6 * G0, 0.5 * DEG_H
 TIMES = 10.0 ** np.arange(-0.5, 5.0, 0.5)  # s, of Gauss–Markov processes that sum to flicker
@@ -185,7 +188,7 @@ def covariance(start: Array, stop: Array, white: float, size: float, run: float)
 @cache
 def _travelled(which: str) -> tuple[Array, NDArray[np.str_]]:
     path = fast() if which == "fast" else discrete()
-    angles, _, _, labels = travel(path, Table(), HZ)
+    angles, _, _, labels = travel(path, Table(jerk=JERK), HZ)
     return angles, labels
 
 
@@ -252,7 +255,7 @@ def _case(method: str, which: str, *, whole_turns: bool = False) -> Case:
         at += len(block)
 
     def files(v: Values, rng: np.random.Generator, gross: Violation | None) -> Files:
-        table = Table(latency=v.get("latency", 0.0))
+        table = Table(latency=v.get("latency", 0.0), jerk=JERK)
         true, speed, late, steps = travel(path, table, HZ)
         n = len(true)
         y = read(v, true, speed)
