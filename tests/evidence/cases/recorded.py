@@ -29,9 +29,9 @@ def npz(**columns: NDArray[np.generic]) -> bytes:
     return raw.getvalue()
 
 
-def _slow(rng: np.random.Generator, n: int, hz: float) -> Array:
-    """Return noise of unit deviation with a memory of a second, (n, 3)."""
-    kept = np.exp(-1 / hz)
+def _slow(rng: np.random.Generator, n: int, hz: float, memory: float = 1.0) -> Array:
+    """Return noise of unit deviation with a memory of some seconds, (n, 3)."""
+    kept = np.exp(-1 / (hz * memory))
     white = np.sqrt(1 - kept**2) * rng.standard_normal((n, 3))
     white[0] = rng.standard_normal(3)
     return np.asarray(lfilter([1.0], [1.0, -kept], white, axis=0), dtype=float)
@@ -56,6 +56,7 @@ accelerometer = ["ax", "ay", "az"]
 name = "six_position"
 """
 BATCHES = 4  # of a rest, as rows
+_STEP = ("x_p", "ax[x_p]")  # the section, and its channel, as a test within sections names them
 
 
 def six_position() -> Case:
@@ -90,7 +91,7 @@ def six_position() -> Case:
         y = at(v, time, rest)
         y = y + WHITE_A * np.sqrt(hz) * rng.standard_normal(y.shape)
         if v.get("slow", 0.0):
-            y = y + v["slow"] * _slow(rng, len(y), hz)
+            y = y + v["slow"] * _slow(rng, len(y), hz, v.get("memory", 1.0))
         if gross is not None and gross.gross is not None:
             y = gross.gross(y)
         names = np.array(list(hand.FACES))[rest]
@@ -106,7 +107,7 @@ def six_position() -> Case:
     unknowns |= {f"tilt{k}[{t}]": Unknown(hand.TILT) for t in hand.FACES for k in (1, 2)}
     bench = tuple(one for one in hand.BENCH if "step" not in one.change)
     more = (
-        Violation("step in the middle of one rest", "mg", 1e-3 * G0, {"step": 1.0}, ("x_p",), 1e3),
+        Violation("step in the middle of one rest", "mg", 1e-3 * G0, {"step": 1.0}, _STEP, 1e3),
         Violation("clipping at 1 g", gross=clipped),
         Violation("slow noise, 0.5 mg of 1 s", change={"slow": 5e-4 * G0}, gross=sensors.same),
     )
@@ -343,7 +344,7 @@ def multi_position() -> Case:
         y[(start + stop) // 2 : stop, 0] += v.get("step", 0.0)
         y += np.repeat([WHITE_A, WHITE_G], 3) * np.sqrt(hz) * rng.standard_normal(y.shape)
         if v.get("slow", 0.0):
-            y[:, :3] += v["slow"] * _slow(rng, len(y), hz)
+            y[:, :3] += v["slow"] * _slow(rng, len(y), hz, v.get("memory", 1.0))
         if gross is not None and gross.gross is not None:
             y = gross.gross(y)
         columns = {f"a{a}": y[:, k] / G0 for k, a in enumerate("xyz")}
