@@ -1,4 +1,4 @@
-"""Slow noise and drift within recordings: do results that are called consistent err as they say?
+"""Slow noise and drift within recordings: what is called consistent errs as it says.
 
 A first-order Gauss–Markov process of 1 mg, with a memory shorter or longer than what one would
 average over, or a drift of the accelerometers' biases over the run, is added to recordings of

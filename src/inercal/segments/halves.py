@@ -120,9 +120,9 @@ def jumps(
     open_ = _KNOWN * np.linalg.norm(turn, axis=1) + halves.seconds * float(np.linalg.norm(wander))
     variance += (size * open_) ** 2
     by_channel = change @ np.linalg.pinv(back)
-    worst = np.argmax(np.abs(by_channel), axis=1)
+    worst: list[int] = np.argmax(np.abs(by_channel), axis=1).tolist()
     labels = [marks[at].label for at, _ in beside]
-    names = [force.axes[k].name for k in worst.tolist()]
+    names = [force.axes[k].name for k in worst]
     return (change_beside(change, variance, labels, names),)
 
 

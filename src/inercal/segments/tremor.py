@@ -11,9 +11,9 @@ solved by non-negative least squares with weights 1/D_i², the variance of a var
 
 The push of a tremor has a mean that falls with a section's length, faster than noise. D_i is the
 density at zero frequency by Welch's method (1967, IEEE Trans. AU-15, 70–73): means over overlapping
-halves under a Hann window, by which a tremor above some Hz does not leak in. Of a rest whose halves
-differ beyond the 99 % bound of their noise, which is tested for itself, only the halves' own scatter
-counts: a step in one rest is no noise of the others.
+halves under a Hann window, by which a tremor above some Hz does not leak in. Of a rest whose
+halves differ beyond the 99 % bound of their noise, which is tested for itself, only the halves' own
+scatter counts: a step in one rest is no noise of the others.
 """
 
 # SciPy has no stubs.
@@ -57,13 +57,13 @@ def without_tremor(density: Array, sensor: Sensor, sections: Iterable[Array]) ->
         found.append(_densities(section[:, :a] @ part))
         parts.append(part**2)
     by_axis = np.array(parts)
-    seen, calm, halves = np.array(found).T
+    seen, calm, halves = (np.array(one) for one in zip(*found, strict=True))
     if not seen.any():
         return density
     own = np.full(a, float(seen.mean()))
     for _ in range(_ROUNDS):
         weight = 1 / (by_axis @ own)
-        counted = np.where(halves * weight > _CHANGED, calm, seen)
+        counted: Array = np.where(halves * weight > _CHANGED, calm, seen)
         own, _residual = nnls(by_axis * weight[:, None], counted * weight)
         own = np.maximum(own, _LEAST * float(seen.mean()))
     replaced = density.copy()

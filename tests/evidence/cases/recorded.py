@@ -260,7 +260,8 @@ _SESSION = handheld.Session(
 _IDEAL = Imu(np.eye(3), np.zeros(3), np.eye(3), np.zeros(3), np.zeros((3, 3)))
 
 
-_STEP_FREE = ("change within r01", "r01", "ax[r01]")  # as tests and candidates name them
+# As candidates and the test of a rest that was cut name it.
+_STEP_FREE = ("change within r01", "change of ax within r01", "ax[r01]")
 
 
 def _expm(v: Array) -> Array:
@@ -285,8 +286,8 @@ def multi_position() -> Case:
     """Return a recording of an IMU in 24 attitudes that nobody knows.
 
     η is that of a thinned problem: mean readings of halves of each rest, as far as it is found, and
-    the direction up as gyros carry it from one rest to the next. A hand may turn the sensor within a
-    rest: from half to half the accelerometers tilt by as much as the gyros' noise leaves open.
+    the direction up as gyros carry it from one rest to the next. A hand may turn the sensor within
+    a rest: from half to half the accelerometers tilt by as much as the gyros' noise leaves open.
     """
     hz = _SESSION.rate_hz
     path = handheld.record(_IDEAL, _SESSION, np.random.default_rng(7), ups=_ups())

@@ -32,7 +32,7 @@ from inercal.methods.multi_position.chain import NORM, RATES, noise, whitener
 from inercal.methods.multi_position.rests import Rests, Rows, Scatter
 from inercal.methods.multi_position.scatter import of_norms, of_rates, of_rotations
 from inercal.methods.multi_position.suspects import candidates
-from inercal.methods.multi_position.within import changes, steps
+from inercal.methods.multi_position.within import alone, changes, steps
 from inercal.sensors import G0
 
 Array = NDArray[np.float64]
@@ -204,7 +204,9 @@ def _fit(
                 white = np.concatenate([white, changed.below(one)])
             yield replace(one, rows=white)
         for one, below in steps(rests, rows, changed) if changed is not None else ():
-            yield replace(one, rows=np.concatenate([whiten(one.rows), below]))
+            whole = replace(one, rows=np.concatenate([whiten(one.rows), below]))
+            yield whole
+            yield from alone(whole)
 
     places: list[int] = free.tolist()
     chosen = tuple(names[k] for k in places)

@@ -90,8 +90,9 @@ def changes(rests: Rests, rows: Rows, x: Array, scatter: Scatter) -> Changes | N
     noise = to_reading @ of_force @ np.swapaxes(to_reading, -1, -2)
     noise += by_turn @ of_turn @ np.swapaxes(by_turn, -1, -2)
     factor = np.linalg.cholesky(noise)
-    white = np.linalg.solve(factor, change[..., None])[..., 0]
-    columns = np.linalg.solve(factor, to_reading)
+    both = np.concatenate([to_reading, change[..., None]], axis=-1)
+    solved: Array = np.asarray(np.linalg.solve(factor, both), dtype=np.float64)
+    columns, white = solved[..., :-1], solved[..., -1]
     for part in (slice(0, 1), slice(1, 3)):
         held = by_others(white[:, part])[:, None]
         white[:, part] *= held
@@ -114,8 +115,14 @@ def steps(rests: Rests, rows: Rows, changed: Changes) -> Iterator[tuple[Candidat
         candidate = Candidate(
             f"change within {label}",
             "time",
-            tuple(f"{name} within {label}" for name in names),
+            tuple(f"change of {name} within {label}" for name in names),
             ("m/s²",) * m,
             placed(rests, own),
         )
         yield candidate, below.reshape(-1, m)
+
+
+def alone(step: Candidate) -> Iterator[Candidate]:
+    """Yield each component of a candidate by itself."""
+    for k, (name, unit) in enumerate(zip(step.components, step.units, strict=True)):
+        yield Candidate(name, step.kind, (name,), (unit,), step.rows[:, [k]])
