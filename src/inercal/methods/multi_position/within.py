@@ -82,9 +82,9 @@ def changes(rests: Rests, rows: Rows, x: Array, scatter: Scatter) -> Changes | N
     flicker = rests.noise - seen.covariance
     of_force = 4 * scatter.force.of(seen.covariance[:, :m, :m]) + flicker[:, :m, :m]
     offset = flicker[:, m:, m:] + scatter.rate.excess**2 * np.eye(3)
-    of_turn = halves.square[:, None, None] * rests.white + halves.seconds[:, None, None] ** 2 * (
-        offset
-    )
+    # The wobble of a hand is in the gyros' scatter, of which only a share is noise.
+    of_turn = scatter.turn.share * halves.square[:, None, None] * rests.white
+    of_turn = of_turn + halves.seconds[:, None, None] ** 2 * offset
     by_turn = basis @ skew(felt)
     to_reading = basis @ back
     noise = to_reading @ of_force @ np.swapaxes(to_reading, -1, -2)
