@@ -12,8 +12,9 @@ the page beside it; `--sessions` with another number prints them only.
 
 import argparse
 import json
+import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from multiprocessing import Pool, cpu_count
 from zlib import crc32
@@ -22,6 +23,7 @@ import numpy as np
 from tests.evidence import store, through
 from tests.evidence.cells import case
 from tests.evidence.model import G0
+from tests.evidence.tables_of import number
 
 METHODS = ("six_position, recorded", "multi_position, recorded")
 MG = 1e-3 * G0
@@ -70,27 +72,30 @@ class Covered:
     Parameters
     ----------
     method, added : str
-    sessions, consistent, refused : int
     coefficients : int
-        Of all sessions.
-    beyond : int
-        Coefficients off by more than 2u in sessions called consistent.
+        Of each session.
     nees : float
         Mean over the sessions called consistent.
+    each : sequence of int
+        Coefficients off by more than 2u in each session; −1 where it is not called consistent.
     """
 
     method: str
     added: str
-    sessions: int
-    consistent: int
-    refused: int
     coefficients: int
-    beyond: int
     nees: float
+    each: Sequence[int]
+
+    @property
+    def consistent(self) -> int:
+        """Sessions that are called consistent."""
+        return sum(count >= 0 for count in self.each)
 
     @property
     def share(self) -> float:
-        return self.beyond / self.coefficients
+        """Coefficients that err by more than 2u in these, over those of all sessions."""
+        beyond = sum(count for count in self.each if count > 0)
+        return beyond / (self.coefficients * len(self.each))
 
 
 def answer(method: str, added: Added, k: int, seed: int = SEED) -> through.Answer:
@@ -115,20 +120,15 @@ def _answer(job: tuple[str, Added, int, int]) -> through.Answer:
     return answer(*job)
 
 
-def covered(method: str, added: Added, answers: list[through.Answer]) -> Covered:
+def covered(method: str, added: Added, answers: Sequence[through.Answer]) -> Covered:
     """Return the counts of some sessions."""
-    good = [one for one in answers if one.grade == "consistent"]
-    beyond = sum(abs(error) > 2 for one in good for error in one.errors.values())
-    return Covered(
-        method,
-        added.words,
-        len(answers),
-        len(good),
-        sum(one.grade == "refused" for one in answers),
-        len(answers) * len(case(method).coefficients),
-        beyond,
-        float(np.mean([one.nees for one in good])) if good else 0.0,
-    )
+    each = [
+        sum(abs(error) > 2 for error in one.errors.values()) if one.grade == "consistent" else -1
+        for one in answers
+    ]
+    good = [one.nees for one in answers if one.grade == "consistent"]
+    nees = round(float(np.mean(good)), 4) if good else 0.0
+    return Covered(method, added.words, len(case(method).coefficients), nees, each)
 
 
 def read() -> list[Covered]:
@@ -139,8 +139,8 @@ def read() -> list[Covered]:
 def line(one: Covered) -> str:
     """Return one row of the table."""
     return (
-        f"| {one.method} | {one.added} | {one.sessions} | {one.consistent} "
-        f"| {one.share:.3f} | {one.nees:.3g} |"
+        f"| {one.method} | {one.added} | {len(one.each)} | {one.consistent} "
+        f"| {one.share:.3f} | {number(one.nees if one.consistent else math.nan)} |"
     )
 
 
@@ -151,9 +151,11 @@ def write(done: list[Covered]) -> None:
         "machine": store.machine(),
         "seed": SEED,
     }
-    content = {"run": run, "cases": [asdict(one) for one in done]}
+    cases = ",\n".join("  " + json.dumps(asdict(one), ensure_ascii=False) for one in done)
+    head = json.dumps(run, ensure_ascii=False)
     store.FOLDER.mkdir(exist_ok=True)
-    DATA.write_text(json.dumps(content, ensure_ascii=False, indent=1) + "\n", encoding="utf-8")
+    text = f'{{\n "run": {head},\n "cases": [\n{cases}\n]}}\n'
+    DATA.write_text(text, encoding="utf-8")
     rows = "\n".join(map(line, done))
     page = _PAGE.format(
         most=MOST, seed=SEED, rows=rows, commit=run["commit"], machine=run["machine"]
