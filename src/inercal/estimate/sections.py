@@ -102,6 +102,7 @@ def _of_contrasts(ratio: Array, tau: Array, h: Array) -> Array:
 WHITE = Correlation()
 _COMMON = "drift common to all sections"
 _BEYOND = 0.05  # of the test of a common trend, below which the trend counts
+_UNSEEN = 0.1  # of the variance that noise gives the mean slope
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,6 +142,16 @@ class Judged:
             return np.zeros(len(self.trend))
         beyond = float(np.mean((self.trend[known] / self.trend_sd[known]) ** 2)) - 1
         return np.where(known, self.trend_sd, 0.0) * np.sqrt(max(beyond, 0.0))
+
+    @property
+    def trend_unseen(self) -> Array:
+        """Standard deviation of trends that the test hardly ever finds, per second.
+
+        A tenth of the variance that noise gives the mean slope. It is a choice: of smaller trends
+        nothing is known from slopes, and larger ones are counted as they are found.
+        """
+        known = (self.trend_sd > 0) & np.isfinite(self.trend_sd)
+        return np.sqrt(_UNSEEN) * np.where(known, self.trend_sd, 0.0)
 
 
 def contrasts(section: Array, seconds: float) -> Contrasts:
