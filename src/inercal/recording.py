@@ -239,6 +239,30 @@ class Passages:
 
 
 @dataclass(frozen=True, eq=False)
+class Halves:
+    """How the readings of r sections at rest change from the first half to the second.
+
+    Parameters
+    ----------
+    change : (r, m) array
+        Mean of the second half less that of the first, output units.
+    integral : (r, m) array
+        Of the readings over time, with the weight by which a rate turns the one mean attitude into
+        the other: from 0 to 1 across the first half, and back; output units times s.
+    seconds : (r,) array
+        Integral of that weight.
+    square : (r,) array
+        Sum of the weights' squares times the step squared, s²: the variance of an integral over
+        that of a sample.
+    """
+
+    change: Array
+    integral: Array
+    seconds: Array
+    square: Array
+
+
+@dataclass(frozen=True, eq=False)
 class Track:
     """The samples of a turntable's run in SI, for methods that follow them one by one.
 
@@ -310,6 +334,8 @@ class Observations:
         Variance that coarse steps of the channels add to each mean, within `covariance`.
     passages : Passages or None
         Between neighbouring rows, for methods that follow the rate from rest to rest.
+    halves : Halves or None
+        How readings change within each row, for sensors in a hand that have gyros.
     track : Track or None
         The samples themselves, for methods that follow them.
     tests : tuple of Test
@@ -337,6 +363,7 @@ class Observations:
     drift: Array | None = None
     rounding: Array | None = None
     passages: Passages | None = None
+    halves: Halves | None = None
     track: Track | None = None
     tests: tuple[Test, ...] = ()
     notes: tuple[str, ...] = ()

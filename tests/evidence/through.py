@@ -18,6 +18,8 @@ from inercal.pipeline import Outcome, calibrate
 
 Grade = Literal["consistent", "reservations", "unreliable", "refused"]
 _LIMIT = ("cannot show", "do not tell")
+_CHANGE = re.compile(r"change within (.+) \((\w+)\)")
+_DRIFT = re.compile(r"drift common to all sections \((\w+)\)")
 
 
 @dataclass(frozen=True)
@@ -44,6 +46,8 @@ class Answer:
         The verdict's lines that say what the data cannot tell.
     unseen : mapping of str to float
         Coefficients of which they say a size that shifts another by 5 u, and that size, SI.
+    errors : mapping of str to float
+        Error of each coefficient over its standard uncertainty.
     """
 
     grade: Grade
@@ -55,6 +59,7 @@ class Answer:
     chi: float = math.nan
     limits: tuple[str, ...] = ()
     unseen: Mapping[str, float] = field(default_factory=dict[str, float])
+    errors: Mapping[str, float] = field(default_factory=dict[str, float])
 
     def limits_name(self, what: str) -> bool:
         """Return whether a limitation has a word, by itself or behind an axis: "a.k2"."""
@@ -81,18 +86,43 @@ def ask(files: Files, truth: dict[str, float]) -> Answer:
     nees, verdict = _nees(outcome, truth), outcome.verdict
     sizes = {one.component: one.size for one in unseen(outcome.estimate, found.sensor)}
     limits = tuple(line for line in verdict.lines if any(word in line for word in _LIMIT))
-    return Answer(verdict.grade, first, group, nees, verdict.lines[0], std, chi, limits, sizes)
+    errors = {
+        name: (value - truth.get(name, 0.0)) / std[name]
+        for name, value in zip(std, found.values.tolist(), strict=True)
+    }
+    said = verdict.lines[0]
+    return Answer(verdict.grade, first, group, nees, said, std, chi, limits, sizes, errors)
 
 
 def suspects(outcome: Outcome) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the names of the suspect and its components, and of those it cannot be told from."""
+    """Return the names of the suspect and its components, and of those it cannot be told from.
+
+    Where no score test names one, a test within sections that rejects the model names its cause in
+    its own name, which the verdict prints as its reason: the first is that of the smallest p-value.
+    """
     suspect = outcome.verdict.suspect
     if suspect is None:
-        return (), ()
+        rejected = sorted(
+            (test for test in outcome.verdict.tests if test.rejects), key=lambda test: test.p_value
+        )
+        named = [names for test in rejected if (names := _within(test.name))]
+        return (named[0], tuple(sum(named, ()))) if named else ((), ())
     members = {score.name: score.components for score in outcome.estimate.scored.scores}
     alike = [part for name in suspect.alike for part in (name, *members.get(name, ()))]
     first = (suspect.name, *suspect.components)
     return first, (*first, *alike)
+
+
+def _within(test: str) -> tuple[str, ...]:
+    """Return the causes that the name of a test within sections says."""
+    if change := _CHANGE.fullmatch(test):
+        section, channel = change.groups()
+        return (section, f"{channel}[{section}]")
+    if drift := _DRIFT.fullmatch(test):
+        channel = drift.group(1)
+        kind = {"a": "accelerometers", "g": "gyros"}[channel[0]]
+        return (f"drift of {kind}", f"drift of {channel}")
+    return ()
 
 
 def _nees(outcome: Outcome, truth: dict[str, float]) -> float:

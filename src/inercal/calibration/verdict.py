@@ -30,6 +30,7 @@ _DRIFT, _PRIOR = "drift of ", "prior of "  # and the axis, or the coefficient
 _BIAS = {"f": "k0", "w": "bias"}
 _PULL = 2.0  # standard deviations; a smaller one is nothing to look at
 _OF_A_UNIT = 0.1  # as near to the ratio of two units a scale factor looks like it
+_WITHIN = "change "  # begins the name of a candidate that changes within one row
 NOTHING: Mapping[str, Parameter] = MappingProxyType({})
 
 
@@ -207,6 +208,9 @@ def _suspect(
         )
         lines = f"suspect: {one.name}, {parts} from the first row to the last"
         advice = "let the sensor settle, or repeat the first positions at the end"
+        if one.name.startswith(_WITHIN):
+            lines = f"suspect: {one.name}, {parts} from its first half to its second"
+            advice = f"look at this {row_word}: was the sensor touched? Repeat it or leave it out"
     text = f"{lines}; {fall} (p {chance(one.adjusted)} among all candidates), and {shift}; {advice}"
     made = [text]
     if one.alike:

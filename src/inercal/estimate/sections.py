@@ -39,7 +39,7 @@ from typing import NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
-from scipy.special import chdtri, digamma, fdtrc, polygamma
+from scipy.special import chdtrc, chdtri, digamma, fdtrc, polygamma
 
 from inercal.estimate.scores import Test
 
@@ -102,6 +102,7 @@ def _of_contrasts(ratio: Array, tau: Array, h: Array) -> Array:
 WHITE = Correlation()
 _COMMON = "drift common to all sections"
 _BEYOND = 0.05  # of the test of a common trend, below which the trend counts
+_UNSEEN = 0.1  # of the variance that noise gives the mean slope
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,6 +142,16 @@ class Judged:
             return np.zeros(len(self.trend))
         beyond = float(np.mean((self.trend[known] / self.trend_sd[known]) ** 2)) - 1
         return np.where(known, self.trend_sd, 0.0) * np.sqrt(max(beyond, 0.0))
+
+    @property
+    def trend_unseen(self) -> Array:
+        """Standard deviation of trends that the test hardly ever finds, per second.
+
+        A tenth of the variance that noise gives the mean slope. It is a choice: of smaller trends
+        nothing is known from slopes, and larger ones are counted as they are found.
+        """
+        known = (self.trend_sd > 0) & np.isfinite(self.trend_sd)
+        return np.sqrt(_UNSEEN) * np.where(known, self.trend_sd, 0.0)
 
 
 def contrasts(section: Array, seconds: float) -> Contrasts:
@@ -344,7 +355,7 @@ def _change(
                 p = float(fdtrc(len(level), by.freedom, square))
                 found.append((p, f"change within {by.label} ({names[k]})"))
     least, worst = min(found)
-    return _as_test(worst, len(found) * least)
+    return as_test(worst, len(found) * least)
 
 
 def _change_among(
@@ -369,7 +380,7 @@ def _change_among(
                 p = float(fdtrc(count, others, ratio)) if others else 1.0
                 found.append((p, f"change within {label} ({names[channel]})"))
     least, worst = min(found)
-    return _as_test(worst, len(found) * least)
+    return as_test(worst, len(found) * least)
 
 
 def _trend(
@@ -405,10 +416,29 @@ def _trend(
     square_t[used] = (mean[used] / sd[used]) ** 2
     p = float(fdtrc(used.size, dof, square_t.sum() / used.size))
     name = f"{_COMMON} ({names[int(square_t.argmax())]})"
-    return mean, sd, (_as_test(name, p),)
+    return mean, sd, (as_test(name, p),)
 
 
-def _as_test(name: str, p: float) -> Test:
+def change_beside(
+    change: Array, variance: Array, labels: Sequence[str], names: Sequence[str]
+) -> Test:
+    """Return the test of the section that differs most from a part beside it.
+
+    Parameters
+    ----------
+    change : (r, k) array
+    variance : (r,) array
+        Of each component.
+    labels, names : sequence of r str
+        Of the sections, and of the channel that changes most in each.
+    """
+    chi2 = np.sum(change**2, axis=1) / variance
+    worst = int(np.argmax(chi2))
+    p = len(chi2) * float(chdtrc(change.shape[1], float(chi2[worst])))
+    return as_test(f"change within {labels[worst]} ({names[worst]})", p)
+
+
+def as_test(name: str, p: float) -> Test:
     """Return a test of one degree of freedom with this p-value."""
     p = min(max(p, _RAREST), 1.0)
     return Test(name, float(chdtri(1, p)), 1)

@@ -27,7 +27,7 @@ from typing import NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
-from scipy.special import chdtri
+from scipy.special import chdtri, fdtrc
 
 Array = NDArray[np.float64]
 _LEVEL = 0.95
@@ -107,6 +107,32 @@ def spread(
         share = _root(lambda s: off(Spread(share=s)) - (dof - 2), 1.0)
         return Spread(share=min(max(share, least), 1.0))
     return Spread()
+
+
+def by_others(rows: Array) -> Array:
+    """Return factors on whitened rows by which each is judged by the others' scatter, (r,).
+
+    One where the others do not scatter beyond their 95 % bound. Elsewhere a row's sum of squares
+    over theirs is F, and the factor gives it the χ² of the same p-value.
+
+    Parameters
+    ----------
+    rows : (r, q) array
+    """
+    r, q = rows.shape
+    squares = np.sum(rows**2, axis=1)
+    dof = q * (r - 1)
+    factor = np.ones(r)
+    if dof < 1:
+        return factor
+    others = squares.sum() - squares
+    for k in np.flatnonzero(others > float(chdtri(dof, 1 - _LEVEL))).tolist():
+        ratio = float(squares[k]) / q / (float(others[k]) / dof)
+        p = float(fdtrc(q, dof, ratio))
+        equal = float(chdtri(q, p)) if p > 0 else np.inf
+        whole = min(equal, q * ratio)
+        factor[k] = np.sqrt(whole / float(squares[k])) if squares[k] > 0 else 1.0
+    return factor
 
 
 def _root(falling: Callable[[float], float], high: float) -> float:

@@ -28,9 +28,11 @@ from inercal.segments import (
     find_rests,
     find_sections,
     held,
+    jumps,
     marks_from_labels,
     observe,
     unflawed,
+    within_rests,
 )
 from inercal.units import readable
 
@@ -158,7 +160,13 @@ def _free_rests(
         )
     observations = observe(recording, run.sensor, marks, as_found(marks), by_hand=True, found=True)
     if run.sensor.only("w").axes:
-        observations = replace(observations, passages=between_rests(recording, run.sensor, marks))
+        cut = () if rests is None else jumps(recording, run.sensor, rests.marks, rests.beside)
+        observations = replace(
+            observations,
+            passages=between_rests(recording, run.sensor, marks),
+            halves=within_rests(recording, run.sensor, marks),
+            tests=(*observations.tests, *cut),
+        )
     return marks, observations, findings + left_out
 
 

@@ -5,6 +5,7 @@ from inercal.segments.attitudes import as_found, held, unflawed
 from inercal.segments.average import observe
 from inercal.segments.detect import find_marks, find_sections, search_sections
 from inercal.segments.dwells import average_dwells, find_dwells
+from inercal.segments.halves import jumps, within_rests
 from inercal.segments.levels import scatter
 from inercal.segments.marks import check_marks, marks_from_labels
 from inercal.segments.passages import between_rests
@@ -37,6 +38,7 @@ __all__ = [
     "find_turns",
     "held",
     "judged_levels",
+    "jumps",
     "left_out",
     "long_enough",
     "marks_from_labels",
@@ -46,4 +48,5 @@ __all__ = [
     "scatter",
     "search_sections",
     "unflawed",
+    "within_rests",
 ]

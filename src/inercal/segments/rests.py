@@ -57,12 +57,16 @@ class FoundRests:
         s.
     finding : Finding
         A note that says how many, how long and how quiet.
+    beside : tuple of (rest, (start, stop))
+        Of rests, by their number from 0, that are a part of a still run: samples of the other part
+        that is still by itself.
     """
 
     marks: tuple[Mark, ...]
     levels: tuple[Level, ...]
     window: float
     finding: Finding
+    beside: tuple[tuple[int, tuple[int, int]], ...] = ()
 
 
 def find_rests(recording: Recording, sensor: Sensor) -> FoundRests:
@@ -117,7 +121,8 @@ def find_rests(recording: Recording, sensor: Sensor) -> FoundRests:
     found[:, 0] += trimmed
     found[:, 1] -= trimmed
     settled = _settled(recording.data, found, kinds, levels, window // 2) if len(found) else found
-    kept = settled[settled[:, 1] - settled[:, 0] >= shortest]
+    long_enough = settled[:, 1] - settled[:, 0] >= shortest
+    kept = settled[long_enough]
     crept = len(found) - len(kept)
     held = float((kept[:, 1] - kept[:, 0]).sum()) / recording.time.size
     if held <= _HELD * min(share for _, share in judged):
@@ -133,7 +138,38 @@ def find_rests(recording: Recording, sensor: Sensor) -> FoundRests:
     )
     shortened = int((settled != found).any(axis=1).sum()) - crept
     finding = Finding("note", "rests", _said(recording, marks, levels, crept, shortened))
-    return FoundRests(marks, levels, window / rate, finding)
+    beside = _beside(recording.data, found[long_enough], kept, kinds, levels, window // 2, shortest)
+    return FoundRests(marks, levels, window / rate, finding, beside)
+
+
+def _beside(
+    data: Array,
+    found: Indices,
+    kept: Indices,
+    kinds: Sequence[Axes],
+    levels: Sequence[Level],
+    block: int,
+    shortest: int,
+) -> tuple[tuple[int, tuple[int, int]], ...]:
+    """Return the longer rest of each run that was cut, where it is still by itself."""
+    places: list[int] = []
+    rests: list[tuple[int, int]] = []
+    for k, ((start, stop), (first, last)) in enumerate(
+        zip(found.tolist(), kept.tolist(), strict=True)
+    ):
+        part = max((start, first), (last, stop), key=lambda one: one[1] - one[0])
+        if part[1] - part[0] >= shortest:
+            places.append(k)
+            rests.append(part)
+    if not rests:
+        return ()
+    settled = _settled(data, np.concatenate([kept, np.array(rests)]), kinds, levels, block)
+    parts = settled[len(kept) :].tolist()
+    return tuple(
+        (k, (start, stop))
+        for k, (start, stop) in zip(places, parts, strict=True)
+        if stop - start >= shortest
+    )
 
 
 def _settled(

@@ -11,7 +11,9 @@ solved by non-negative least squares with weights 1/D_i², the variance of a var
 
 The push of a tremor has a mean that falls with a section's length, faster than noise. D_i is the
 density at zero frequency by Welch's method (1967, IEEE Trans. AU-15, 70–73): means over overlapping
-halves under a Hann window, by which a tremor above some Hz does not leak in.
+halves under a Hann window, by which a tremor above some Hz does not leak in. Of a rest whose
+halves differ beyond the 99 % bound of their noise, which is tested for itself, only the halves' own
+scatter counts: a step in one rest is no noise of the others.
 """
 
 # SciPy has no stubs.
@@ -27,6 +29,10 @@ from inercal.sensors import Sensor, inverse
 
 Array = NDArray[np.float64]
 _WINDOWS = 7  # in a rest
+_CHANGED = 6.63  # χ² of one degree of freedom, 99 %
+_TAKEN = (
+    0.0745  # E (z² − 1) above it: what is taken from a halves' density by chance, over its mean
+)
 _ROUNDS = 5  # of weighting; the third changes a per cent
 _LEAST = 0.05  # of the mean density: fewer rests than axes along gravity leave some unseen
 
@@ -46,20 +52,22 @@ def without_tremor(density: Array, sensor: Sensor, sections: Iterable[Array]) ->
     force = sensor.only("f")
     a = len(force.axes)
     back = inverse(Sensor(force.name, force.axes), np.eye(a), np.zeros(0)).f
-    found: list[float] = []
+    found: list[tuple[float, float, float]] = []
     parts: list[Array] = []
     for section in sections:
         up = section[:, :a].mean(axis=0) @ back
         part = back @ up / float(np.linalg.norm(up))
-        found.append(_density(section[:, :a] @ part))
+        found.append(_densities(section[:, :a] @ part))
         parts.append(part**2)
-    seen, by_axis = np.array(found), np.array(parts)
+    by_axis = np.array(parts)
+    seen, calm, halves = (np.array(one) for one in zip(*found, strict=True))
     if not seen.any():
         return density
     own = np.full(a, float(seen.mean()))
     for _ in range(_ROUNDS):
         weight = 1 / (by_axis @ own)
-        own, _residual = nnls(by_axis * weight[:, None], seen * weight)
+        counted: Array = np.where(halves * weight > _CHANGED, calm, seen)
+        own, _residual = nnls(by_axis * weight[:, None], counted * weight)
         own = np.maximum(own, _LEAST * float(seen.mean()))
     replaced = density.copy()
     replaced[:a, :], replaced[:, :a] = 0.0, 0.0
@@ -85,6 +93,21 @@ def along_gravity(sensor: Sensor, sections: Iterable[Array]) -> list[Array]:
         up = section[:, :a].mean(axis=0) @ back
         series.append(section[:, :a] @ (back @ up) / float(np.linalg.norm(up)))
     return series
+
+
+def _densities(y: Array) -> tuple[float, float, float]:
+    """Return the density of (n,) samples at zero frequency, their mean apart, in three ways.
+
+    As it is; without the change from half to half; by that change alone. The first two are raised
+    by what choosing between them takes from white noise on the average.
+    """
+    n = y.size
+    step = np.where(np.arange(n) < n // 2, 1 / (n // 2), -1 / (n - n // 2))
+    step /= float(np.linalg.norm(step))
+    change, share = float(step @ y), _density(step)
+    raised = 1 / (1 - _TAKEN * share)
+    calm = _density(y - change * step) / (1 - share)
+    return raised * _density(y), raised * calm, change**2
 
 
 def _density(y: Array) -> float:

@@ -101,6 +101,10 @@ def within(
         tests += judged.tests
         if not stated:
             trend[own] = judged.trend_found
+            if kind == "f":
+                # Each gyro's bias is read in all sections, whose residuals show its drift. That of
+                # an accelerometer is read in two of six, and a drift that no test shows moves it.
+                trend[own] = np.maximum(trend[own], judged.trend_unseen)
             for k in own:
                 correlation[k] = judged.correlation
         notes += _notes(words, judged, seconds, labels, stated)

@@ -32,6 +32,7 @@ from inercal.methods.multi_position.chain import NORM, RATES, noise, whitener
 from inercal.methods.multi_position.rests import Rests, Rows, Scatter
 from inercal.methods.multi_position.scatter import of_norms, of_rates, of_rotations
 from inercal.methods.multi_position.suspects import candidates
+from inercal.methods.multi_position.within import alone, changes, steps
 from inercal.sensors import G0
 
 Array = NDArray[np.float64]
@@ -182,19 +183,30 @@ def _fit(
     names: tuple[str, ...] = (*rests.sensor.coefficients, *BESIDE)
     started = rests.rows(x)
     whiten = whitener(rests, started, scatter, norms=norms)
+    changed = changes(rests, started, x, scatter) if tested else None
+    more = np.zeros(0) if changed is None else changed.residual
 
     def linearise(part: Array) -> tuple[Array, Array]:
         moved = x.copy()
         moved[free] = part
         rows = rests.rows(moved, started.attitude)
         both = whiten(np.column_stack([rows.residual, rows.jacobian[:, free]]))
-        return both[:, 0], both[:, 1:]
+        below = np.zeros((more.size, free.size))
+        return np.concatenate([both[:, 0], more]), np.concatenate([both[:, 1:], below])
 
     def left_out(part: Array) -> Iterator[Candidate]:
         moved = x.copy()
         moved[free] = part
-        for one in candidates(rests, rests.rows(moved, started.attitude), moved):
-            yield replace(one, rows=whiten(one.rows))
+        rows = rests.rows(moved, started.attitude)
+        for one in candidates(rests, rows, moved):
+            white = whiten(one.rows)
+            if changed is not None:
+                white = np.concatenate([white, changed.below(one)])
+            yield replace(one, rows=white)
+        for one, below in steps(rests, rows, changed) if changed is not None else ():
+            whole = replace(one, rows=np.concatenate([whiten(one.rows), below]))
+            yield whole
+            yield from alone(whole)
 
     places: list[int] = free.tolist()
     chosen = tuple(names[k] for k in places)
@@ -209,7 +221,7 @@ def _fit(
             names=chosen,
             start=x[free],
             linearise=linearise,
-            noise=np.ones(len(whiten(started.residual))),
+            noise=np.ones(len(whiten(started.residual)) + more.size),
             scale=np.concatenate([rests.sensor.natural, [G0, 1.0, 1.0, 1.0, 1.0]])[free],
             priors=tuple(known),
             wanted=tuple(name for name in chosen if name not in BESIDE),
