@@ -38,6 +38,7 @@ from inercal.methods.turntable_kalman._common import (
     work,
 )
 from inercal.methods.turntable_kalman._readback import (
+    STILL,
     Readback,
     Settings,
     State,
@@ -49,7 +50,6 @@ from inercal.methods.turntable_kalman._readback import (
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-STILL = 20.0  # variances of a sample
 
 
 class Samples(NamedTuple):

@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 STRAIGHT = 1e-4  # s: within that a way does not bend by more than 0.04″, even at 1000 °/s²
 ITERATIONS, SAME = 10, 1e-6  # of a delay, s
+STILL = 20.0  # variances of a sample, within which a rate is noise
 
 
 class Readback(NamedTuple):
@@ -164,6 +165,11 @@ def observe(
     delayed(times, past, newest, when, then, rate, turn)
     for k in range(3):
         spread[k] = turn[k] * turn[k]
+    # The noise of rates at rest is no motion: it would tell the delay from what never moved.
+    noise = max(model.white[0], model.white[1], model.white[2])
+    for k in range(3):
+        if rate[k] * rate[k] * state.time[3] < STILL * noise:
+            rate[k] = 0.0
     if variance > STRAIGHT * STRAIGHT:
         _curved(model, state, done, p, when, variance, spread)
     apart(readback.attitude[e], then, z)
