@@ -49,7 +49,7 @@ BAD = {
     "huge": (lines((9, "0.07,1e400,2")), r"the first x at line 9"),
     "back": (lines((9, "0.01,1,2")), r"time goes back by 0\.05 s at line 9: was the clock reset"),
     "stuck": (
-        b"".join(b"%d,1,%d\n" % (k, k) for k in range(9)).join([b"t,x,y\n", b""]),
+        b"".join(b"0.0%d,1,%d\n" % (k, k) for k in range(9)).join([b"t,x,y\n", b""]),
         "x reads 1 throughout",
     ),
     "same time": (lines((9, "0.06,1,2")), r"1 row with the time of the row before .* at line 9"),

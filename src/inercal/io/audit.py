@@ -200,11 +200,12 @@ def repeated(recording: Recording, where: Where) -> _Checked:
     same = np.concatenate([_as_before(recording, same_time[k]) for k in blocks(same_time.size)])
     if not same.all():
         first = int(same_time[np.argmin(same)])
-        mean_rate = (recording.time.size - 1) / float(recording.time[-1] - recording.time[0])
+        span = float(recording.time[-1] - recording.time[0])
+        rate = f' = "{(recording.time.size - 1) / span:.4g} Hz"' if span > 0 else ""
         text = (
             f"{_rows(int((~same).sum()))} with the time of the row before and other readings, the "
-            f"first at {where(first + 1)}: with stamps this coarse, state [data] rate = "
-            f'"{mean_rate:.4g} Hz" in place of the time column'
+            f"first at {where(first + 1)}: with stamps this coarse, state [data] rate{rate} "
+            "in place of the time column"
         )
         return _Checked([Finding("refused", "repeated", text, None, first, first + 2)])
     kept = np.ones(recording.time.size, np.bool_)

@@ -66,11 +66,12 @@ def by_step(outcome: Outcome) -> tuple[ByStep, ...]:
 
 def _split(title: str, parts: Sequence[str], time: Array, rows: Array, outcome: Outcome) -> ByStep:
     seen = outcome.observations
-    within = {
-        label: np.abs(time - middle) <= seconds / 2
-        for label, middle, seconds in zip(seen.labels, seen.time, seen.duration, strict=True)
-    }
-    within[_MOVES] = ~np.any(list(within.values()), axis=0)
+    within: dict[str, NDArray[np.bool_]] = {}
+    left = np.ones(time.size, dtype=bool)  # steps may touch: an epoch is of the first of them
+    for label, middle, seconds in zip(seen.labels, seen.time, seen.duration, strict=True):
+        within[label] = left & (np.abs(time - middle) <= seconds / 2)
+        left &= ~within[label]
+    within[_MOVES] = left
     chosen = {label: rows[at] for label, at in within.items() if at.any()}
     count = np.array([len(some) for some in chosen.values()])
     mean = np.array([some.mean(axis=0) for some in chosen.values()]).reshape(-1, 3)
