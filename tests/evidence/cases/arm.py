@@ -134,13 +134,12 @@ def centrifuge_norm() -> Case:
             None,
             f"{stated} stretch",
         ),
-        # Without attitudes nobody can say what an arm does to the norms: it has no name.
         Violation(
             "lever arm of one axis",
             "mm",
             1e-3,
             {"ax.arm_i": 1.0},
-            (),
+            ("arm_i", "ax.arm_i"),
             1e3,
             None,
             'also = ["ax.arm_i"], with [data] attitude',

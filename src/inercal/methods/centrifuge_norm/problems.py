@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from inercal.benches.arm import FeltNorm, FeltVector, felt_norm, felt_vector
 from inercal.benches.centrifuge import Centrifuge
-from inercal.estimate import Gaussian, Problem
+from inercal.estimate import Candidate, Gaussian, Problem
 from inercal.methods import candidates, vectors
 from inercal.methods.centrifuge_norm.gauge import gauges, known_nulls, require_gauge
 from inercal.motion import Motion
@@ -26,7 +26,8 @@ from inercal.observe import NoisyNorm, noisy_norm, norm
 from inercal.parameters import Parameter
 from inercal.plan import Spin
 from inercal.recording import Observations
-from inercal.sensors import Sensor
+from inercal.sensors import SI_UNITS, Sensor
+from inercal.sensors.tables import TABLES
 
 Array = NDArray[np.float64]
 _Result = TypeVar("_Result")
@@ -72,20 +73,54 @@ def by_norm(
     def extended() -> Problem:
         return _of_norms(observations, larger, bench, steps, candidates.freed(declared))
 
+    listed = candidates.of_means(
+        extended,
+        built.names,
+        larger,
+        declared,
+        observations.time,
+        families=_nonorthogonality(sensor),
+        told=[name for prior in priors for name in prior.names],
+    )
+
+    def scored(x: Array) -> list[Candidate]:
+        arms = () if larger.uses("wi", "wp", "wo") else _arms(built, sensor, steps, x)
+        return [*listed(x), *arms]
+
     return replace(
         built,
         gauges=gauges(sensor),
         known_nulls=known_nulls(sensor, len(built.names)),
-        candidates=candidates.of_means(
-            extended,
-            built.names,
-            larger,
-            declared,
-            observations.time,
-            families=_nonorthogonality(sensor),
-            told=[name for prior in priors for name in prior.names],
-        ),
+        candidates=scored,
     )
+
+
+def _arms(built: Problem, sensor: Sensor, steps: Sequence[Spin], x: Array) -> list[Candidate]:
+    """Return lever arms along the axes, in attitudes that nobody knows.
+
+    An arm l along an axis adds −ω² l (1 − v²) to its reading, v its share of the vertical. Norms
+    tell the direction û of the force alone, and the vertical lies across it: (1 − û²)/2 is the mean
+    of v² over all directions there. The norm changes by û for each unit that a reading does.
+    """
+    _, jacobian = built.linearise(x)
+    rates = np.array([step.rate for step in steps])
+    full = [f"{axis.name}.k0" for axis in sensor.axes]
+    if not set(full) <= set(built.names):
+        return []
+    up = jacobian[:, [built.names.index(name) for name in full]]
+    columns = -(rates[:, None] ** 2) * up * (1 + up**2) / 2
+    names = tuple(f"{axis.name}.arm_i" for axis in sensor.axes)
+    line = next(line for line in TABLES["f"] if line.name == "arm_i")
+
+    def candidate(name: str, chosen: list[int]) -> Candidate:
+        members = tuple(names[k] for k in chosen)
+        units = (SI_UNITS[line.unit],) * len(chosen)
+        largest = np.full(len(chosen), line.largest)
+        rows = columns[:, chosen]
+        return Candidate(name, "coefficient", members, units, rows, largest=largest)
+
+    every = list(range(len(names)))
+    return [candidate("arm_i", every), *(candidate(names[k], [k]) for k in every)]
 
 
 def by_norm_exact(
