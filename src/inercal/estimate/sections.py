@@ -19,8 +19,9 @@ sections.
 
 * Change within a section: the contrast of its halves, and those of the halves' halves, against the
   section's own scatter on the finer levels (F), by the correlation that the other sections show.
-* Trend common to all sections: the mean of their slopes against the scatter of the slopes and of
-  the contrasts of levels 2 and 3.
+* Burst within a section: the one or two largest contrasts of the finest level against the others.
+* Trend common to all sections that do not change: the mean of their slopes against the scatter of
+  the slopes and of the contrasts of levels 2 and 3.
 * Scatter of each section: its variance on the finer levels, drawn to that of all (empirical Bayes)
   as far as sections of one variance would scatter.
 
@@ -34,6 +35,7 @@ section 6.2 (moderated variances).
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import comb
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -119,6 +121,9 @@ class Judged:
         Per second, of the mean slope; NaN of fewer than three sections.
     tests : tuple of Test
         Of a change within a section and of a common trend; each names the worst section or channel.
+    disturbed : (r, m) array
+        Variance of each mean by a change or a burst that its section is found to have: as far as
+        the mean may lie beside what it would be without. Zero of all others.
     """
 
     correlation: Correlation
@@ -126,6 +131,7 @@ class Judged:
     trend: Array
     trend_sd: Array
     tests: tuple[Test, ...]
+    disturbed: Array
 
     @property
     def trend_found(self) -> Array:
@@ -206,9 +212,8 @@ def judge(
     size = _sizes(sections)
     used = np.flatnonzero(size > 0)
     if not used.size or not r:
-        return Judged(
-            WHITE, np.ones(r), np.full(len(names), np.nan), np.full(len(names), np.nan), ()
-        )
+        unknown, none = np.full(len(names), np.nan), np.zeros((r, len(names)))
+        return Judged(WHITE, np.ones(r), unknown, unknown, (), none)
     fitted, others = _correlations([_powers(one, size, used) for one in sections], sections)
     scales = {
         id(found): _scales([_fine(one, size, used, found) for one in sections])
@@ -218,13 +223,33 @@ def judge(
         _Change(label, found, float(scales[id(found)][0][k]), float(scales[id(found)][1][k]))
         for k, (label, found) in enumerate(zip(labels, others, strict=True))
     ]
-    trend, sd, common = _trend(sections, names, size, used, None if coloured else fitted)
+    steps = np.zeros(len(names)) if rounding is None else rounding
     if coloured:
-        change = _change_among(sections, labels, names, size, used)
+        seen = _changes_among(sections, size, used)
     else:
-        change = _change(sections, changes, names, size, used, rounding)
+        seen = _changes(sections, changes, size, used, steps)
+    seen += _bursts(sections, size, used, steps)
+    worst = min(seen)
+    name = f"{worst.word} within {labels[worst.section]} ({names[worst.channel]})"
+    disturbed = np.zeros((r, len(names)))
+    for one in seen:
+        if len(seen) * one.p < _LEVEL:
+            disturbed[one.section, one.channel] += one.variance
+    steady = [one for one, own in zip(sections, disturbed, strict=True) if not own.any()]
+    trend, sd, common = _trend(steady, names, size, used, None if coloured else fitted)
     scale = scales[id(fitted)][0]
-    return Judged(fitted, scale / scale.mean(), trend, sd, (change, *common))
+    tests = (as_test(name, len(seen) * worst.p), *common)
+    return Judged(fitted, scale / scale.mean(), trend, sd, tests, disturbed)
+
+
+class _Seen(NamedTuple):
+    """One test within a section: its p-value, and what it would add to the mean's variance."""
+
+    p: float
+    section: int
+    channel: int
+    word: str
+    variance: float
 
 
 class _Change(NamedTuple):
@@ -333,54 +358,74 @@ def _inverse_trigamma(y: float) -> float:
     return float(np.exp(cast("float", brentq(off, low, high, xtol=1e-6))))
 
 
-def _change(
+def _changes(
     sections: Sequence[Contrasts],
     judged: Sequence[_Change],
-    names: Sequence[str],
     size: Array,
     used: NDArray[np.intp],
-    rounding: Array | None,
-) -> Test:
-    """Return the test of the section and channel that change most within a section."""
-    steps = np.zeros(len(names)) if rounding is None else rounding
-    found: list[tuple[float, str]] = []
-    for one, by in zip(sections, judged, strict=True):
+    steps: Array,
+) -> list[_Seen]:
+    """Return the tests of each section and channel for changes, by the section's own scatter."""
+    found: list[_Seen] = []
+    for r, (one, by) in enumerate(zip(sections, judged, strict=True)):
         coarse = one.levels[:_COARSE]
         shape = by.correlation.of_contrasts(_blocks(one.seconds, len(coarse))).tolist()
         for k in used.tolist():
             # Both blocks have one rounding error each.
             of_steps = 0.5 * one.samples * float(steps[k]) / float(size[k]) ** 2
-            for level, part in zip(coarse, shape, strict=True):
+            for place, (level, part) in enumerate(zip(coarse, shape, strict=True)):
                 square = float(np.mean((level[:, k] / size[k]) ** 2)) / (by.white * part + of_steps)
                 p = float(fdtrc(len(level), by.freedom, square))
-                found.append((p, f"change within {by.label} ({names[k]})"))
-    least, worst = min(found)
-    return as_test(worst, len(found) * least)
+                found.append(_Seen(p, r, k, "change", _of_change(one, place, k)))
+    return found
 
 
-def _change_among(
-    sections: Sequence[Contrasts],
-    labels: Sequence[str],
-    names: Sequence[str],
-    size: Array,
-    used: NDArray[np.intp],
-) -> Test:
-    """Return the same test against the contrasts of the same level in the other sections."""
-    found: list[tuple[float, str]] = []
+def _changes_among(
+    sections: Sequence[Contrasts], size: Array, used: NDArray[np.intp]
+) -> list[_Seen]:
+    """Return the same tests by the contrasts of the same level in the other sections."""
+    found: list[_Seen] = []
     for place in range(_COARSE):
         squares = np.stack(
             [(one.levels[place] / np.where(size > 0, size, 1.0)) ** 2 for one in sections]
         )
         squares = squares[..., used]
         count, others = squares.shape[1], squares[0].size * (len(sections) - 1)
-        for k, label in enumerate(labels):
-            rest = float(squares.sum() - squares[k].sum())
-            for a, channel in enumerate(used.tolist()):
-                ratio = float(squares[k, :, a].mean()) / max(rest / max(others, 1), _LEAST)
+        for r, one in enumerate(sections):
+            rest = float(squares.sum() - squares[r].sum())
+            for a, k in enumerate(used.tolist()):
+                ratio = float(squares[r, :, a].mean()) / max(rest / max(others, 1), _LEAST)
                 p = float(fdtrc(count, others, ratio)) if others else 1.0
-                found.append((p, f"change within {label} ({names[channel]})"))
-    least, worst = min(found)
-    return as_test(worst, len(found) * least)
+                found.append(_Seen(p, r, k, "change", _of_change(one, place, k)))
+    return found
+
+
+def _of_change(one: Contrasts, place: int, k: int) -> float:
+    """Return the square of how far a change of half a section, or of a quarter, moves its mean."""
+    return float(np.sum(one.levels[place][:, k] ** 2)) / 2**place / one.samples
+
+
+def _bursts(
+    sections: Sequence[Contrasts], size: Array, used: NDArray[np.intp], steps: Array
+) -> list[_Seen]:
+    """Return the tests of each section and channel for one batch, or two, unlike the others.
+
+    The one or two largest of c contrasts against the others: F, times the number of choices.
+    """
+    found: list[_Seen] = []
+    for r, one in enumerate(sections):
+        finest = one.levels[-1]
+        c = len(finest)
+        for k in used.tolist():
+            squares = np.sort(finest[:, k] ** 2)[::-1]
+            least = one.samples / (2 * c) * float(steps[k]) + _LEAST * float(size[k]) ** 2
+            for few in (1, 2):
+                largest = float(squares[:few].sum())
+                rest = float(squares[few:].mean()) + least
+                p = comb(c, few) * float(fdtrc(few, c - few, largest / few / rest))
+                # Neighbours may have gone the same way: their shifts add up.
+                found.append(_Seen(p, r, k, "burst", few * largest / c / one.samples))
+    return found
 
 
 def _trend(

@@ -110,7 +110,7 @@ def observe(
         variance[at_rest] *= found.scale
         return np.sqrt(variance), found
 
-    tests, notes = (), ()
+    tests, notes, found_within = (), (), None
     drift = drift_covariance(
         [axis.noise for axis in sensor.axes],
         middles - recording.time[0],
@@ -131,6 +131,8 @@ def observe(
         factor = np.stack([judged(partial(section, data=one))[0] for one in parts])
         factor = factor.reshape(*recording.data.shape[:-2], *factor.shape[1:])
     covariance = covariance * factor[..., :, None] * factor[..., None, :]
+    if found_within is not None:
+        covariance[at_rest] += found_within.disturbed[:, :, None] * np.eye(len(columns))
     return Observations(
         labels=tuple(step.label for step in used),
         mean=np.stack([section(step).mean(axis=-2) for step in used], axis=-2),

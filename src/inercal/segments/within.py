@@ -29,6 +29,7 @@ class Within(NamedTuple):
     trend: Array  # (m,) per second, sd of what channels of a kind drift beyond noise
     tests: tuple[Test, ...]
     notes: tuple[str, ...]
+    disturbed: Array  # (r, m), variance of each mean by a change found within its section
 
     def factor(self, seconds: Array, lengths: Array, batches: int) -> Array:
         """Return the variance of means over that by the pooled batch means, (s, m).
@@ -73,7 +74,7 @@ def within(
     by_hand : bool
     """
     r, m = len(labels), len(sensor.axes)
-    scale, trend = np.ones((r, m)), np.zeros(m)
+    scale, trend, disturbed = np.ones((r, m)), np.zeros(m), np.zeros((r, m))
     correlation = [WHITE] * m
     tests: list[Test] = []
     notes: list[str] = []
@@ -84,7 +85,7 @@ def within(
         judged = judge(cut, labels, ["accelerometers along gravity"], steps)
         # A drift changes its sign with the attitude: the norms of all rests show it.
         found = tuple(test for test in judged.tests if test.name.startswith("change"))
-        return Within(scale, (WHITE,) * m, trend, found, ())
+        return Within(scale, (WHITE,) * m, trend, found, (), disturbed)
     for kind, words in _KINDS.items():
         own = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind]
         if not own:
@@ -98,6 +99,7 @@ def within(
         stated = any(_slow(sensor.axes[k].noise) for k in own)
         judged = judge(cut, labels, names, rounding[own], coloured=stated)
         scale[:, own] = judged.scale[:, None]
+        disturbed[:, own] = judged.disturbed
         tests += judged.tests
         if not stated:
             trend[own] = judged.trend_found
@@ -108,7 +110,7 @@ def within(
             for k in own:
                 correlation[k] = judged.correlation
         notes += _notes(words, judged, seconds, labels, stated)
-    return Within(scale, tuple(correlation), trend, tuple(tests), tuple(notes))
+    return Within(scale, tuple(correlation), trend, tuple(tests), tuple(notes), disturbed)
 
 
 def drift_in_words(sensor: Sensor, reach: Array) -> list[str]:
@@ -132,7 +134,11 @@ def _slow(noise: Noise) -> bool:
 def _notes(
     words: str, judged: Judged, seconds: Array, labels: Sequence[str], stated: bool
 ) -> list[str]:
-    notes: list[str] = []
+    notes = [
+        f"{labels[k]} changes within: half of the change is in the uncertainty of its mean; repeat "
+        "the position"
+        for k in np.flatnonzero(judged.disturbed.any(axis=1)).tolist()
+    ]
     found = judged.correlation
     if found is not WHITE and not stated:
         times = float(np.sqrt(np.median(found.of_means(seconds))))
