@@ -141,7 +141,7 @@ class Score:
     chi2: float
     dof: int
     shift: Array
-    explained: Array
+    explained: NDArray[np.floating]
 
     @property
     def p_value(self) -> float:
@@ -237,6 +237,8 @@ def scored(
     size_of = np.where(size_of > 0, size_of, 1.0)
     q, triangle = np.linalg.qr(jacobian / size_of)
     back = np.linalg.pinv(triangle) / size_of[:, None]
+    # What comes one by one is of thousands of rows, for thousands of candidates.
+    kept_together = isinstance(candidates, Sequence)
     made: list[Score] = []
     spanned: list[Array] = []
     columns_of = 0
@@ -262,6 +264,7 @@ def scored(
             shifts = one.moved @ (unit[:, None] * moves) + (shifts if shifts.size else 0.0)
         shift = shifts[:, 0] if k else np.linalg.norm(shifts, axis=1)
         open_ = np.linalg.norm(v, axis=0) < 1 - 1e-6 if k else np.ones(len(unit), dtype=bool)
+        explained: NDArray[np.floating] = u @ t
         columns_of += k
         if columns_of <= _FEW_COLUMNS:
             spanned.append(u)
@@ -276,7 +279,7 @@ def scored(
                 float(t @ t),
                 k,
                 shift,
-                u @ t,
+                explained if kept_together else explained.astype(np.float32),
             )
         )
     # Of very many columns the span is taken as large as it may be: the bound is valid, but wider.
