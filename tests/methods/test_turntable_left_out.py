@@ -285,7 +285,7 @@ def test_states_without_the_tables_errors_are_tested_too():
         assert not consistent(KALMAN.estimator("paper")(seen, sensor(), BENCH, ()))
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 @pytest.mark.parametrize("run", CASES)
 def test_violations_are_seen_in_every_device_and_named(run: Run):
     path, names = CASES[run]
