@@ -14,9 +14,12 @@ from inercal.methods.turntable.terms import BASIS, FORCE, SQUARE
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-# Where an acceleration a begins or ends between two samples, at the share s of the step, a rate
-# taken as a parabola through three samples leaves a Δt² (s − s² − 1/6)/2, the half of Bernoulli's
-# second polynomial: none on average and 1/√720 rms. Third differences, whose mean
+# Where an acceleration begins or ends between two samples, a rate taken as linear makes an angle of
+# a Δt² s (1 − s)/2 at the share s of the step: 0.09 a Δt² rms over s. Second differences of five
+# standard deviations (25 × 6 variances of a sample) are taken for such.
+KINK, BENT = 0.09, 150.0
+# A rate taken as a parabola through three samples leaves a Δt² (s − s² − 1/6)/2, the half of
+# Bernoulli's second polynomial: none on average and 1/√720 rms. Third differences, whose mean
 # square over s is (a Δt)², are taken for such beyond five standard deviations (25 × 20 variances).
 SUDDEN, JUMPED = 720**-0.5, 500.0
 # Of an angle between samples a cubic leaves so much of s (1 − s) times the difference of both

@@ -12,16 +12,7 @@ from numpy.typing import NDArray
 from inercal.estimate.kalman import predict
 from inercal.methods.turntable.drift import Drift
 from inercal.methods.turntable.drifting import drifted, predict_drift
-from inercal.methods.turntable.strapdown import (
-    JUMPED,
-    SUDDEN,
-    alike,
-    apart,
-    copy,
-    fill,
-    matrix,
-    rotate,
-)
+from inercal.methods.turntable.strapdown import BENT, KINK, apart, copy, fill, matrix, rotate
 from inercal.methods.turntable.terms import BASIS, FORCE, RATE, SQUARE
 
 Array = NDArray[np.float64]
@@ -78,7 +69,7 @@ def increments(
     count = axis.size
     m, phi, wrong, c = np.zeros((3, 3)), np.zeros(BASIS), np.zeros(3), np.zeros((3, 3))
     half, move, u, cm = np.zeros((3, 3)), np.zeros(3), np.zeros(3), np.zeros((3, 3))
-    turn, fed, bend = np.zeros(3), np.zeros(3), np.zeros(3)
+    turn, fed = np.zeros(3), np.zeros(3)
     matrix(nominal, axis, weights, theta, RATE, m)
     columns[:], drifting[:], driven[:] = 0.0, 0.0, 0.0
     for e in range(epochs.size - 1):
@@ -88,17 +79,8 @@ def increments(
             for k in range(3):
                 phi[FORCE + k] = gravity * c[2, k]
             fill(phi, phi[FORCE : FORCE + 3])
-            step = time[i - 1] - time[i - 2] if i > 1 else 0.0
             for k in range(3):
-                before, bend[k] = bend[k], 0.0
-                if i > 1 and alike(dt, step):  # a parabola through the last three samples
-                    earlier = (rates[i - 1, k] - rates[i - 2, k]) / step
-                    bend[k] = 2 * ((rates[i, k] - rates[i - 1, k]) / dt - earlier) / (dt + step)
-                move[k] = 0.5 * (rates[i, k] + rates[i - 1, k]) - bend[k] * dt * dt / 12
-                bent = (bend[k] - before) * dt * dt
-                if bent * bent * dt > JUMPED * noise[k]:
-                    for j in range(3):
-                        driven[e, j, j] += (SUDDEN * bent * dt) ** 2
+                move[k] = 0.5 * (rates[i, k] + rates[i - 1, k])
                 wrong[k] = 0.0
             for s in range(count):
                 for b in range(BASIS):
@@ -136,6 +118,11 @@ def increments(
                     drifting[e, k, j] -= cm[k, j] * dt
                     for b in range(3):
                         driven[e, k, j] += cm[k, b] * noise[b] * cm[j, b] * dt
+                if i > 1:
+                    bent = rates[i, k] - 2 * rates[i - 1, k] + rates[i - 2, k]
+                    if bent * bent > BENT * noise[k] / dt:
+                        for j in range(3):
+                            driven[e, j, j] += (KINK * bent * dt) ** 2
         apart(reference[e + 1], c, apart_by[e])
 
 
