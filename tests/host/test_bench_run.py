@@ -1,5 +1,6 @@
 """Runs on a simulated bench: what they leave, and what becomes of them when things go wrong."""
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -197,7 +198,10 @@ def test_readings_of_the_table_that_fail_leave_out_what_was_felt_meanwhile(
     assert left == 0
     tally = ended.run.account.assembly.tally
     assert abs(tally.no_angle - 5 * 0.05 * 200) <= 2
-    assert f"{tally.no_angle} samples" in ended.words
+    # On a busy machine it is said before all of them are in: "so far".
+    said = re.search(r"(\d+) samples", ended.words)
+    assert said
+    assert 0 < int(said[1]) <= tally.no_angle
     assert ended.words.count("no whole reply") == 4
 
 
