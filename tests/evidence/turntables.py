@@ -170,9 +170,9 @@ def _task(task: tuple[str, int, int, int]) -> Row:
     return of_flicker(case, devices, seed, first)
 
 
-def work(devices: int, processes: int) -> list[Row]:
-    """Return the rows of all cases and seeds, worked out side by side."""
-    keys = [(case, seed) for case in FLICKER for seed in SEEDS] + [(SIMULATED, 0)]
+def work(devices: int, processes: int, cases: Sequence[str]) -> list[Row]:
+    """Return the rows of cases and all their seeds, worked out side by side."""
+    keys = [(case, seed) for case in cases for seed in (SEEDS if case in FLICKER else (0,))]
     tasks = [
         (case, min(BATCH, devices - first), seed, first)
         for case, seed in keys
@@ -201,9 +201,9 @@ def text(rows: Sequence[Row]) -> str:
     return "\n".join(lines)
 
 
-def write(rows: Sequence[Row]) -> None:
-    """Write data and page."""
-    run = {"commit": commit(), "machine": machine()}
+def write(rows: Sequence[Row], of: str) -> None:
+    """Write data and page; `of` says by which commit which rows are."""
+    run = {"commit": of, "machine": machine()}
     FOLDER.mkdir(exist_ok=True)
     lines = ",\n".join("  " + json.dumps(asdict(row), ensure_ascii=False) for row in rows)
     head = json.dumps({"run": run | {"seeds": list(SEEDS)}}, ensure_ascii=False, indent=1)
@@ -223,10 +223,17 @@ def main(arguments: list[str]) -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.evidence.turntables")
     parser.add_argument("--devices", type=int, default=DEVICES, help="of each case and seed")
     parser.add_argument("--processes", type=int, default=cpu_count())
+    parser.add_argument("--simulated", action="store_true", help="the simulation alone")
     chosen = parser.parse_args(arguments)
-    rows = work(chosen.devices, chosen.processes)
+    cases = (SIMULATED,) if chosen.simulated else (*FLICKER, SIMULATED)
+    rows = work(chosen.devices, chosen.processes, cases)
     if chosen.devices == DEVICES:
-        write(rows)
+        of = commit()
+        if chosen.simulated:
+            before = json.loads(DATA.read_text(encoding="utf-8"))["run"]["commit"]
+            of = f"{before.partition(' ')[0]} (flicker) and {of} (simulation)"
+            rows = [*(row for row in read() if row.case != SIMULATED), *rows]
+        write(rows, of)
     print(text(rows))
 
 
