@@ -26,6 +26,8 @@ def test_a_simulated_turntable_errs_as_stated(stored: list[Row]):
     (row,) = (row for row in stored if row.case == SIMULATED)
     assert row.devices >= DEVICES
     assert 0.89 <= row.whole <= 1.12
+    assert row.consistent is not None
+    assert row.consistent >= 0.95 * row.devices
 
 
 @pytest.mark.slow
