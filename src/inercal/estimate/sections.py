@@ -122,8 +122,8 @@ class Judged:
     tests : tuple of Test
         Of a change within a section and of a common trend; each names the worst section or channel.
     disturbed : (r, m) array
-        Variance of each mean by a change or a burst that its section is found to have: as far as
-        the mean may lie beside what it would be without. Zero of all others.
+        Variance of each mean by a change or a burst that is found in its section: the square of
+        how far that moved the mean. Zero of all other sections.
     """
 
     correlation: Correlation
@@ -464,10 +464,10 @@ def _trend(
     return mean, sd, (as_test(name, p),)
 
 
-def change_beside(
+def change_between(
     change: Array, variance: Array, labels: Sequence[str], names: Sequence[str]
 ) -> Test:
-    """Return the test of the section that differs most from a part beside it.
+    """Return the test of the section that differs most from another part of its run.
 
     Parameters
     ----------

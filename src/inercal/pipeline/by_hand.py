@@ -160,7 +160,7 @@ def _free_rests(
         )
     observations = observe(recording, run.sensor, marks, as_found(marks), by_hand=True, found=True)
     if run.sensor.only("w").axes:
-        cut = () if rests is None else jumps(recording, run.sensor, rests.marks, rests.beside)
+        cut = () if rests is None else jumps(recording, run.sensor, rests.marks, rests.other_parts)
         observations = replace(
             observations,
             passages=between_rests(recording, run.sensor, marks),

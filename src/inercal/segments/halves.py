@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.estimate import Test
-from inercal.estimate.sections import change_beside
+from inercal.estimate.sections import change_between
 from inercal.recording import Halves, Mark, Recording
 from inercal.sensors import Sensor, inverse
 
@@ -73,7 +73,7 @@ def jumps(
     recording: Recording,
     sensor: Sensor,
     marks: Sequence[Mark],
-    beside: Sequence[tuple[int, tuple[int, int]]],
+    other_parts: Sequence[tuple[int, tuple[int, int]]],
 ) -> tuple[Test, ...]:
     """Return the test of rests that were cut where the readings change without a turn.
 
@@ -85,11 +85,11 @@ def jumps(
         Three or more accelerometers, and gyros; its nominal model is enough.
     marks : sequence of Mark
         All rests.
-    beside : sequence of (rest, (start, stop))
+    other_parts : sequence of (rest, (start, stop))
         The other still part of the run that a rest is a part of.
     """
     force, rate = sensor.only("f"), sensor.only("w")
-    if not (beside and rate.axes):
+    if not (other_parts and rate.axes):
         return ()
     m = len(force.axes)
     back = inverse(Sensor(force.name, force.axes), np.eye(m), np.zeros(0)).f
@@ -103,8 +103,8 @@ def jumps(
     usual = float(np.median([one for one in scatter if one > 0] or [0.0]))
     wander = np.std([(section[:, m:].mean(axis=0) - bias) @ of_rate for section in whole], axis=0)
 
-    parts, variance = list[tuple[int, int, int, int]](), np.empty(len(beside))
-    for k, (at, (start, stop)) in enumerate(beside):
+    parts, variance = list[tuple[int, int, int, int]](), np.empty(len(other_parts))
+    for k, (at, (start, stop)) in enumerate(other_parts):
         own = (marks[at].start, marks[at].stop)
         parts.append((*own, start, stop) if own[0] < start else (start, stop, *own))
         variance[k] = usual * block * (1 / (stop - start) + 1 / (own[1] - own[0]))
@@ -114,16 +114,16 @@ def jumps(
     zero = np.array([axis.readout.offset for axis in sensor.axes])
     integral = (halves.integral - halves.seconds[:, None] * zero) / scale
     turn = (integral[:, m:] - halves.seconds[:, None] * bias) @ of_rate
-    felt = np.stack([whole[at][:, :m].mean(axis=0) @ back for at, _ in beside])
-    change = (halves.change / scale)[:, :m] @ back - np.cross(felt, turn)
-    size = np.linalg.norm(felt, axis=1)
+    specific_force = np.stack([whole[at][:, :m].mean(axis=0) @ back for at, _ in other_parts])
+    change = (halves.change / scale)[:, :m] @ back - np.cross(specific_force, turn)
+    size = np.linalg.norm(specific_force, axis=1)
     open_ = _KNOWN * np.linalg.norm(turn, axis=1) + halves.seconds * float(np.linalg.norm(wander))
     variance += (size * open_) ** 2
     by_channel = change @ np.linalg.pinv(back)
     worst: list[int] = np.argmax(np.abs(by_channel), axis=1).tolist()
-    labels = [marks[at].label for at, _ in beside]
+    labels = [marks[at].label for at, _ in other_parts]
     names = [force.axes[k].name for k in worst]
-    return (change_beside(change, variance, labels, names),)
+    return (change_between(change, variance, labels, names),)
 
 
 def _of_blocks(f: Array, block: int) -> float:

@@ -57,7 +57,7 @@ class FoundRests:
         s.
     finding : Finding
         A note that says how many, how long and how quiet.
-    beside : tuple of (rest, (start, stop))
+    other_parts : tuple of (rest, (start, stop))
         Of rests, by their number from 0, that are a part of a still run: samples of the other part
         that is still by itself.
     """
@@ -66,7 +66,7 @@ class FoundRests:
     levels: tuple[Level, ...]
     window: float
     finding: Finding
-    beside: tuple[tuple[int, tuple[int, int]], ...] = ()
+    other_parts: tuple[tuple[int, tuple[int, int]], ...] = ()
 
 
 def find_rests(recording: Recording, sensor: Sensor) -> FoundRests:
@@ -138,11 +138,13 @@ def find_rests(recording: Recording, sensor: Sensor) -> FoundRests:
     )
     shortened = int((settled != found).any(axis=1).sum()) - crept
     finding = Finding("note", "rests", _said(recording, marks, levels, crept, shortened))
-    beside = _beside(recording.data, found[long_enough], kept, kinds, levels, window // 2, shortest)
-    return FoundRests(marks, levels, window / rate, finding, beside)
+    others = _other_parts(
+        recording.data, found[long_enough], kept, kinds, levels, window // 2, shortest
+    )
+    return FoundRests(marks, levels, window / rate, finding, others)
 
 
-def _beside(
+def _other_parts(
     data: Array,
     found: Indices,
     kept: Indices,

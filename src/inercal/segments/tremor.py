@@ -30,9 +30,8 @@ from inercal.sensors import Sensor, inverse
 Array = NDArray[np.float64]
 _WINDOWS = 7  # in a rest
 _CHANGED = 6.63  # χ² of one degree of freedom, 99 %
-_TAKEN = (
-    0.0745  # E (z² − 1) above it: what is taken from a halves' density by chance, over its mean
-)
+# E (z² − 1) above that bound: what is taken from a halves' density by chance, over its mean.
+_TAKEN = 0.0745
 _ROUNDS = 5  # of weighting; the third changes a per cent
 _LEAST = 0.05  # of the mean density: fewer rests than axes along gravity leave some unseen
 
