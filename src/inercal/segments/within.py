@@ -135,8 +135,8 @@ def _notes(
     words: str, judged: Judged, seconds: Array, labels: Sequence[str], stated: bool
 ) -> list[str]:
     notes = [
-        f"{labels[k]} changes within: how far that moves its mean is in the uncertainty of the mean; "
-        "repeat the position"
+        f"{labels[k]} changes within: how far that moves its mean is in the uncertainty of the "
+        "mean; repeat the position"
         for k in np.flatnonzero(judged.disturbed.any(axis=1)).tolist()
     ]
     found = judged.correlation
