@@ -9,7 +9,7 @@ from inercal.recording import Finding, Track
 from inercal.sensors import Sensor
 from inercal.units import readable
 
-_FAR = 3.3  # standard deviations: of twenty parameters that are as stated one in fifty runs has it
+_FAR = 4.0  # standard deviations: of twenty parameters as stated, one run in 800 has one
 _SETTLED = 0.8  # of the stated deviation: less than a third of the variance is from the data
 _SOURCE = radians(0.004) / 60  # rad/s
 _KEYS = {
