@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from inercal.estimate.sections import WHITE, Correlation, Judged, contrasts, judge
+from inercal.estimate.correlation import WHITE, Correlation
+from inercal.estimate.sections import Judged, contrasts, judge
 
 Array = NDArray[np.float64]
 SECONDS, SAMPLES = 10.0, 1000

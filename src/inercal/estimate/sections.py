@@ -31,77 +31,37 @@ section 6.2 (moderated variances).
 """
 
 # SciPy has no stubs.
-# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+# pyright: reportMissingTypeStubs=false
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import comb
-from typing import NamedTuple, cast
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
-from scipy.special import chdtrc, chdtri, digamma, fdtrc, polygamma
+from scipy.special import chdtrc, chdtri, fdtrc
 
+from inercal.estimate.correlation import (
+    COARSE,
+    LEAST,
+    WHITE,
+    Contrasts,
+    Correlation,
+    blocks,
+    correlations,
+    fine,
+    powers,
+    scales,
+)
 from inercal.estimate.scores import Test
 
 Array = NDArray[np.float64]
 
 _BATCHES, _FEW_BATCHES, _FEW_SAMPLES = 16, 8, 64
-_COARSE = 2  # levels that show a change; the finer ones show the noise
 _OF_SLOPES = 3  # levels whose scatter is nearly that of slopes
-_LEVEL = 0.01  # of the likelihood ratio for a correlation
-_RATIOS = np.concatenate([[0.0], np.geomspace(0.1, 3e3, 28)])  # ρ
-_TIMES = 14  # of τ
-_LEAST = 1e-6  # of the mean variance: sections that are exactly constant
-_SURE = 1e9  # degrees of freedom of a prior that all sections fit
+_LEVEL = 0.01  # of the tests within, below which a change is counted
 _RAREST = 1e-290
-
-
-def _blocks(seconds: float, levels: int) -> Array:
-    """Return the length of the blocks of levels 1, 2, …, (levels,) s."""
-    return np.array([seconds / 2**place for place in range(1, levels + 1)])
-
-
-class Contrasts(NamedTuple):
-    """Haar contrasts and the slope of one section of m channels, with the variance of a sample."""
-
-    seconds: float
-    samples: int
-    levels: tuple[Array, ...]  # (2^(l − 1), m) each
-    slope: Array  # (m,)
-    reach: float  # of `slope`, for a trend of one per second
-
-
-@dataclass(frozen=True, eq=False)
-class Correlation:
-    """A Gauss–Markov process within the noise: ρ times its white part in density, and τ, s."""
-
-    ratio: float = 0.0
-    seconds: float = 1.0
-
-    def of_contrasts(self, seconds: Array) -> Array:
-        """Return the variance of contrasts of blocks of h seconds over that of the white part."""
-        return _of_contrasts(np.array(self.ratio), np.array(self.seconds), seconds)
-
-    def of_means(self, seconds: Array) -> Array:
-        """Return the variance of means over T seconds over that of the white part."""
-        x = self.seconds / seconds
-        return np.asarray(1 + self.ratio * (1 + x * np.expm1(-1 / x)))
-
-    def of_batches(self, seconds: Array, batches: int) -> Array:
-        """Return the scatter of a number of batch means in T seconds, over that of white noise."""
-        own, whole = self.of_means(seconds / batches), self.of_means(seconds)
-        return np.asarray((own - whole / batches) * batches / (batches - 1))
-
-
-def _of_contrasts(ratio: Array, tau: Array, h: Array) -> Array:
-    x = tau / h
-    a = -np.expm1(-1 / x)
-    return np.asarray(1 + ratio * (1 - x * a - 0.5 * x * a**2), dtype=np.float64)
-
-
-WHITE = Correlation()
 _COMMON = "drift common to all sections"
 _BEYOND = 0.05  # of the test of a common trend, below which the trend counts
 _UNSEEN = 0.1  # of the variance that noise gives the mean slope
@@ -119,19 +79,29 @@ class Judged:
         Variance of each section's noise over that of all.
     trend, trend_sd : (m,) arrays
         Per second, of the mean slope; NaN of fewer than three sections.
-    tests : tuple of Test
-        Of a change within a section and of a common trend; each names the worst section or channel.
     disturbed : (r, m) array
         Variance of each mean by a change or a burst that is found in its section: the square of
         how far that moved the mean. Zero of all other sections.
+    within, common : Test, optional
+        Of a change within a section, and of a trend common to all; each names the worst section or
+        channel.
+    shape : "change" or "burst"
+        Of the worst change within a section.
     """
 
     correlation: Correlation
     scale: Array
     trend: Array
     trend_sd: Array
-    tests: tuple[Test, ...]
     disturbed: Array
+    within: Test | None = None
+    common: Test | None = None
+    shape: Literal["change", "burst"] = "change"
+
+    @property
+    def tests(self) -> tuple[Test, ...]:
+        """Both tests, as far as they were made."""
+        return tuple(test for test in (self.within, self.common) if test is not None)
 
     @property
     def trend_found(self) -> Array:
@@ -141,7 +111,7 @@ class Judged:
         test does not reject at 5 %, the level at which residuals enlarge uncertainties too: slopes
         of short sections are known too badly for their chance size to count.
         """
-        if not any(one.name.startswith(_COMMON) and one.p_value < _BEYOND for one in self.tests):
+        if self.common is None or self.common.p_value >= _BEYOND:
             return np.zeros(len(self.trend))
         known = (self.trend_sd > 0) & np.isfinite(self.trend_sd)
         if not known.any():
@@ -170,11 +140,11 @@ def contrasts(section: Array, seconds: float) -> Contrasts:
     place = np.arange(count) - (count - 1) / 2
     length = float(np.linalg.norm(place))
     levels: list[Array] = []
-    blocks = means
-    while len(blocks) > 1:
-        width = count // len(blocks)
-        levels.append((blocks[::2] - blocks[1::2]) * np.sqrt(width / 2) * size)
-        blocks = 0.5 * (blocks[::2] + blocks[1::2])
+    merged = means
+    while len(merged) > 1:
+        width = count // len(merged)
+        levels.append((merged[::2] - merged[1::2]) * np.sqrt(width / 2) * size)
+        merged = 0.5 * (merged[::2] + merged[1::2])
     return Contrasts(
         seconds,
         n,
@@ -213,14 +183,14 @@ def judge(
     used = np.flatnonzero(size > 0)
     if not used.size or not r:
         unknown, none = np.full(len(names), np.nan), np.zeros((r, len(names)))
-        return Judged(WHITE, np.ones(r), unknown, unknown, (), none)
-    fitted, others = _correlations([_powers(one, size, used) for one in sections], sections)
-    scales = {
-        id(found): _scales([_fine(one, size, used, found) for one in sections])
+        return Judged(WHITE, np.ones(r), unknown, unknown, none)
+    fitted, others = correlations([powers(one, size, used) for one in sections], sections)
+    moderated = {
+        id(found): scales([fine(one, size, used, found) for one in sections])
         for found in (fitted, *others)
     }
     changes = [
-        _Change(label, found, float(scales[id(found)][0][k]), float(scales[id(found)][1][k]))
+        _Change(label, found, *(float(part[k]) for part in moderated[id(found)]))
         for k, (label, found) in enumerate(zip(labels, others, strict=True))
     ]
     steps = np.zeros(len(names)) if rounding is None else rounding
@@ -230,16 +200,16 @@ def judge(
         seen = _changes(sections, changes, size, used, steps)
     seen += _bursts(sections, size, used, steps)
     worst = min(seen)
-    name = f"{worst.word} within {labels[worst.section]} ({names[worst.channel]})"
+    name = f"{worst.shape} within {labels[worst.section]} ({names[worst.channel]})"
     disturbed = np.zeros((r, len(names)))
     for one in seen:
         if len(seen) * one.p < _LEVEL:
             disturbed[one.section, one.channel] += one.variance
     steady = [one for one, own in zip(sections, disturbed, strict=True) if not own.any()]
     trend, sd, common = _trend(steady, names, size, used, None if coloured else fitted)
-    scale = scales[id(fitted)][0]
-    tests = (as_test(name, len(seen) * worst.p), *common)
-    return Judged(fitted, scale / scale.mean(), trend, sd, tests, disturbed)
+    scale = moderated[id(fitted)][0]
+    test = as_test(name, len(seen) * worst.p)
+    return Judged(fitted, scale / scale.mean(), trend, sd, disturbed, test, common, worst.shape)
 
 
 class _Seen(NamedTuple):
@@ -248,7 +218,7 @@ class _Seen(NamedTuple):
     p: float
     section: int
     channel: int
-    word: str
+    shape: Literal["change", "burst"]
     variance: float
 
 
@@ -267,97 +237,6 @@ def _sizes(sections: Sequence[Contrasts]) -> Array:
     return np.asarray(np.sqrt(np.mean(every**2, axis=0)), dtype=np.float64)
 
 
-def _powers(one: Contrasts, size: Array, used: NDArray[np.intp]) -> Array:
-    """Return the mean square of each level's contrasts over all channels, (levels,)."""
-    return np.array([float(np.mean((level[:, used] / size[used]) ** 2)) for level in one.levels])
-
-
-def _correlations(
-    powers: Sequence[Array], sections: Sequence[Contrasts]
-) -> tuple[Correlation, tuple[Correlation, ...]]:
-    """Return the correlation of all sections, and that of all but each."""
-    longest = max(one.seconds for one in sections)
-    shortest = min(one.seconds / 2 ** len(one.levels) for one in sections)
-    times: Array = np.geomspace(shortest / 4, longest / 2, _TIMES, dtype=np.float64)
-    grid = [Correlation(float(ratio), float(time)) for time in times for ratio in _RATIOS[1:]]
-    channels = max(sections[0].levels[0].shape[1], 1)
-    every = [WHITE, *grid]
-    ratio, tau = (
-        np.array(part)[:, None] for part in zip(*((c.ratio, c.seconds) for c in every), strict=True)
-    )
-    deviance = np.empty((len(sections), len(every)))
-    for k, (power, one) in enumerate(zip(powers, sections, strict=True)):
-        dof = channels * np.array([len(level) for level in one.levels], dtype=np.float64)
-        shape = _of_contrasts(ratio, tau, _blocks(one.seconds, len(one.levels)))
-        own = (power / shape) @ dof / dof.sum()
-        deviance[k] = np.log(shape) @ dof + dof.sum() * np.log(np.maximum(own, _LEAST))
-    without = deviance.sum(axis=0) - deviance
-    rise = without[:, 0] - without.min(axis=1)
-    bound = float(chdtri(2, _LEVEL))
-    others = tuple(
-        every[int(np.argmin(row))] if up > bound else WHITE
-        for row, up in zip(without, rise, strict=True)
-    )
-    if len(sections) < 2:
-        return WHITE, (WHITE,) * len(sections)
-    whole = every[int(np.argmin(deviance.sum(axis=0)))] if rise.min() > bound else WHITE
-    return whole, others
-
-
-def _fine(
-    one: Contrasts, size: Array, used: NDArray[np.intp], correlation: Correlation
-) -> tuple[float, int]:
-    """Return the variance of the fine levels over all sections' scale, and its freedom."""
-    total, dof = 0.0, 0
-    for place, level in enumerate(one.levels, 1):
-        if place <= _COARSE:
-            continue
-        shape = float(correlation.of_contrasts(np.array(one.seconds / 2**place)))
-        total += float(np.sum((level[:, used] / size[used]) ** 2)) / shape
-        dof += level[:, used].size
-    return max(total / max(dof, 1), _LEAST), dof
-
-
-def _log_variance(freedom: Array) -> Array:
-    """Return the variance of the logarithm of a variance of some degrees of freedom: trigamma."""
-    return np.array([float(cast("float", polygamma(1, half))) for half in (freedom / 2).tolist()])
-
-
-def _log_bias(freedom: Array) -> Array:
-    """Return the mean of the logarithm of a variance over its expectation."""
-    half: Array = freedom / 2
-    return np.array([float(cast("float", digamma(h))) for h in half.tolist()]) - np.log(half)
-
-
-def _scales(fine: Sequence[tuple[float, int]]) -> tuple[Array, Array]:
-    """Return moderated variances, (r,), and the degrees of freedom behind each."""
-    own = np.array([variance for variance, _ in fine])
-    dof = np.array([count for _, count in fine], dtype=np.float64)
-    if len(own) < 3:
-        return own, dof
-    log, expected = np.log(own) - _log_bias(dof), _log_variance(dof)
-    weight = 1 / expected
-    middle = float(weight @ log / weight.sum())
-    spread = float(np.sum((log - middle) ** 2) / (len(own) - 1) - expected.mean())
-    prior, level = _SURE, float(dof @ own / dof.sum())
-    if spread > 0:
-        prior = 2 * _inverse_trigamma(spread)
-        level = float(np.exp(middle + _log_bias(np.array([prior]))[0]))
-    return (prior * level + dof * own) / (prior + dof), prior + dof
-
-
-def _inverse_trigamma(y: float) -> float:
-    def off(log: float) -> float:
-        return float(np.log(_log_variance(np.array([2 * np.exp(log)]))[0] / y))
-
-    low, high = -8.0, 18.0
-    if off(high) > 0:
-        return float(np.exp(high))
-    if off(low) < 0:
-        return float(np.exp(low))
-    return float(np.exp(cast("float", brentq(off, low, high, xtol=1e-6))))
-
-
 def _changes(
     sections: Sequence[Contrasts],
     judged: Sequence[_Change],
@@ -368,8 +247,8 @@ def _changes(
     """Return the tests of each section and channel for changes, by the section's own scatter."""
     found: list[_Seen] = []
     for r, (one, by) in enumerate(zip(sections, judged, strict=True)):
-        coarse = one.levels[:_COARSE]
-        shape = by.correlation.of_contrasts(_blocks(one.seconds, len(coarse))).tolist()
+        coarse = one.levels[:COARSE]
+        shape = by.correlation.of_contrasts(blocks(one.seconds, len(coarse))).tolist()
         for k in used.tolist():
             # Both blocks have one rounding error each.
             of_steps = 0.5 * one.samples * float(steps[k]) / float(size[k]) ** 2
@@ -385,7 +264,7 @@ def _changes_among(
 ) -> list[_Seen]:
     """Return the same tests by the contrasts of the same level in the other sections."""
     found: list[_Seen] = []
-    for place in range(_COARSE):
+    for place in range(COARSE):
         squares = np.stack(
             [(one.levels[place] / np.where(size > 0, size, 1.0)) ** 2 for one in sections]
         )
@@ -394,7 +273,7 @@ def _changes_among(
         for r, one in enumerate(sections):
             rest = float(squares.sum() - squares[r].sum())
             for a, k in enumerate(used.tolist()):
-                ratio = float(squares[r, :, a].mean()) / max(rest / max(others, 1), _LEAST)
+                ratio = float(squares[r, :, a].mean()) / max(rest / max(others, 1), LEAST)
                 p = float(fdtrc(count, others, ratio)) if others else 1.0
                 found.append(_Seen(p, r, k, "change", _of_change(one, place, k)))
     return found
@@ -418,7 +297,7 @@ def _bursts(
         c = len(finest)
         for k in used.tolist():
             squares = np.sort(finest[:, k] ** 2)[::-1]
-            least = one.samples / (2 * c) * float(steps[k]) + _LEAST * float(size[k]) ** 2
+            least = one.samples / (2 * c) * float(steps[k]) + LEAST * float(size[k]) ** 2
             for few in (1, 2):
                 largest = float(squares[:few].sum())
                 rest = float(squares[few:].mean()) + least
@@ -434,11 +313,11 @@ def _trend(
     size: Array,
     used: NDArray[np.intp],
     correlation: Correlation | None,
-) -> tuple[Array, Array, tuple[Test, ...]]:
+) -> tuple[Array, Array, Test | None]:
     """Return the mean trend and its standard deviation, (m,) per second, and its test."""
     m, r = len(names), len(sections)
     if r < 3:
-        return np.full(m, np.nan), np.full(m, np.nan), ()
+        return np.full(m, np.nan), np.full(m, np.nan), None
     reach = np.array([one.reach for one in sections])
     slope = np.stack([one.slope for one in sections])
     square = float(reach @ reach)
@@ -456,12 +335,12 @@ def _trend(
             dof += level[:, used].size
     sd = np.sqrt(total / dof / square) * size
     if not total > 0:
-        return mean, sd, ()
+        return mean, sd, None
     square_t = np.zeros(m)
     square_t[used] = (mean[used] / sd[used]) ** 2
     p = float(fdtrc(used.size, dof, square_t.sum() / used.size))
     name = f"{_COMMON} ({names[int(square_t.argmax())]})"
-    return mean, sd, (as_test(name, p),)
+    return mean, sd, as_test(name, p)
 
 
 def change_between(

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.estimate import Test
-from inercal.estimate.sections import WHITE, Correlation, Judged, contrasts, judge
+from inercal.estimate.correlation import WHITE, Correlation
+from inercal.estimate.sections import Judged, contrasts, judge
 from inercal.segments.tremor import along_gravity
 from inercal.sensors import G0, Noise, Sensor
 
@@ -84,7 +85,7 @@ def within(
         cut = [contrasts(s[:, None], t) for s, t in zip(series, seconds.tolist(), strict=True)]
         judged = judge(cut, labels, ["accelerometers along gravity"], steps)
         # A drift changes its sign with the attitude: the norms of all rests show it.
-        found = tuple(test for test in judged.tests if test.name.startswith("change"))
+        found = (judged.within,) if judged.within and judged.shape == "change" else ()
         return Within(scale, (WHITE,) * m, trend, found, (), disturbed)
     for kind, words in _KINDS.items():
         own = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind]
