@@ -4,6 +4,9 @@ Every error that a user can cause is an `InercalError` whose message is one line
 where (file, line, row, key), and what is possible. The command line prints it and exits with 2.
 """
 
+from collections.abc import Generator
+from contextlib import contextmanager
+
 
 class InercalError(Exception):
     """Base of all errors raised on purpose; `str(error)` is one line for a person."""
@@ -34,3 +37,28 @@ class NotObserved(InercalError):
 
 class NotInvertible(InercalError):
     """A reading that the error model cannot have produced, or that it folds back on."""
+
+
+@contextmanager
+def brought_by(extra: str, what: str, packages: tuple[str, ...]) -> Generator[None]:
+    """Say which extra to install where one of the packages that it brings is missing.
+
+    Parameters
+    ----------
+    extra : str
+        As pip takes it, "report".
+    what : str
+        What needs it, "reports need matplotlib and jinja2".
+    packages : tuple of str
+
+    Raises
+    ------
+    InputError
+        One of them cannot be imported. What is wrong with any other module is raised as it is.
+    """
+    try:
+        yield
+    except ImportError as error:
+        if (error.name or "").partition(".")[0] not in packages:
+            raise
+        raise InputError(f"{what}: pip install 'inercal[{extra}]'") from error

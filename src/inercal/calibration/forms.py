@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from inercal import frames
 from inercal.errors import InputError
+from inercal.keys import CoefficientName
 from inercal.sensors import G0, Sensor
 from inercal.uncertainty import propagate
 
@@ -69,7 +70,7 @@ def ieee1293(sensor: Sensor, values: Array, covariance: Array) -> Converted:
         names.append(f"{axis.name}.K1")
         units.append(f"{axis.readout.unit}/g")
         for full in sensor.coefficients:
-            name, _, short = full.partition(".")
+            name, short = CoefficientName(full).parts
             if name == axis.name and short != "k1":
                 names.append(full)
                 units.append("rad" if short.startswith("delta") else _in_g(sensor, full))
@@ -78,10 +79,10 @@ def ieee1293(sensor: Sensor, values: Array, covariance: Array) -> Converted:
     scales = {axis.name: axis.readout.scale * G0 for axis in sensor.axes}
 
     def convert(c: Array) -> Array:
-        by_name = dict(zip(sensor.coefficients, c, strict=True))
+        by_name: dict[str, float] = dict(zip(sensor.coefficients, c, strict=True))
         result: list[float] = []
         for full in names:
-            axis, _, short = full.partition(".")
+            axis, short = CoefficientName(full).parts
             gain = 1 + by_name.get(f"{axis}.k1", 0.0)
             if short == "K1":
                 result.append(scales[axis] * gain)
@@ -116,15 +117,15 @@ def reform(sensor: Sensor, values: Array, covariance: Array) -> tuple[Sensor, Ar
     InputError
         Nonlinear terms, which act along another axis in the other form.
     """
-    beyond = [n for n in sensor.coefficients if n.partition(".")[2] not in _AFFINE]
+    beyond = [n for n in sensor.coefficients if CoefficientName(n).term not in _AFFINE]
     if beyond:
         raise InputError(f"{', '.join(beyond)} act along another axis in the other form")
-    modelled = {name.partition(".")[0] for name in sensor.coefficients}
+    modelled = {CoefficientName(name).axis for name in sensor.coefficients}
     vectors = [f"{axis}.{group}" for axis in modelled for group in ("scale", "misalignment")]
     full = sensor.with_coefficients(*sensor.coefficients, *vectors)
 
     def convert(c: Array) -> Array:
-        by_name = dict.fromkeys(full.coefficients, 0.0)
+        by_name: dict[str, float] = dict.fromkeys(full.coefficients, 0.0)
         by_name |= dict(zip(sensor.coefficients, c, strict=True))
         for axis in sensor.axes:
             scale = f"{axis.name}.{'k1' if axis.measures == 'f' else 'scale'}"
@@ -164,7 +165,7 @@ def reframe(
     InputError
         Not an accelerometer triad (with or without a gyro triad), or terms beyond the affine ones.
     """
-    beyond = [n for n in sensor.coefficients if n.partition(".")[2] not in _AFFINE]
+    beyond = [n for n in sensor.coefficients if CoefficientName(n).term not in _AFFINE]
     if beyond:
         raise InputError(f"{', '.join(beyond)} do not turn with the frame: only affine terms do")
     kinds = [axis.measures for axis in sensor.axes]
@@ -175,7 +176,7 @@ def reframe(
     frames_of = np.stack([axis.frame for axis in sensor.axes])
 
     def matrices(c: Array) -> tuple[Array, Array, dict[str, float]]:
-        by_name = dict.fromkeys(full.coefficients, 0.0)
+        by_name: dict[str, float] = dict.fromkeys(full.coefficients, 0.0)
         by_name |= dict(zip(sensor.coefficients, c, strict=True))
         own = np.zeros((len(kinds), 3))
         force = np.zeros((len(kinds), 3))

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.estimate import Estimate, Score
+from inercal.keys import CoefficientName
 from inercal.parameters import Parameter
 from inercal.sensors import Sensor
 from inercal.sensors.tables import TABLES, Coefficient
@@ -55,7 +56,7 @@ class Unseen:
 
 def table_line(sensor: Sensor, full: str) -> Coefficient:
     """Return the line of the table behind a full name, of an estimated coefficient or another."""
-    axis, _, short = full.partition(".")
+    axis, short = CoefficientName(full).parts
     measures = next(a.measures for a in sensor.axes if a.name == axis)
     return next(line for line in TABLES[measures] if line.name == short)
 

@@ -17,6 +17,7 @@ from inercal.calibration.grade import (
 from inercal.calibration.unseen import Unseen, table_line, unseen, unseen_exact
 from inercal.estimate import Estimate
 from inercal.estimate.scores import LEVEL, Kind
+from inercal.keys import CoefficientName, ErrorName
 from inercal.parameters import Parameter
 from inercal.recording import Finding
 from inercal.sensors import G0, Sensor
@@ -62,7 +63,7 @@ def verdict(
     scales = {
         name: 1 + float(value)
         for name, value in zip(sensor.coefficients, estimate.value[:p], strict=True)
-        if name.partition(".")[2] in ("k1", "scale") and is_far(1 + float(value))
+        if CoefficientName(name).term in ("k1", "scale") and is_far(1 + float(value))
     }
     wrong = bool(scales) or any(one.severity == "refused" for one in findings)
     lines = _summary(estimate, assessment, p, wrong)
@@ -312,8 +313,8 @@ def _unseen(
     The suspect is not among it: so large it is seen.
     """
     own = (suspect.name, *suspect.components) if suspect is not None else ()
-    short = {name.rpartition(".")[2] for name in own}
-    found = [one for one in unseen(estimate, sensor) if one.name.rpartition(".")[2] not in short]
+    short = {CoefficientName(name).term for name in own}
+    found = [one for one in unseen(estimate, sensor) if CoefficientName(one.name).term not in short]
     parts = [
         f"wrong readings of one {row_word}" if one.name == "row" else one.name for one in found
     ]
@@ -379,7 +380,7 @@ def _pulls(estimate: Estimate, expected: Mapping[str, Parameter]) -> list[str]:
     }
     name = max(pulls, key=lambda one: pulls[one], default="")
     if name and pulls[name] > _PULL:
-        short, _, place = name.rstrip("]").partition("[")
+        short, place = ErrorName(name).parts
         named = f"{short} of {place}" if place else short
         size = digits(0.0, pulls[name])[1]
         lines.append(
@@ -394,7 +395,7 @@ def _leading(estimate: Estimate, sensor: Sensor) -> list[str]:
     measures = {axis.name: axis.measures for axis in sensor.axes}
     groups: dict[tuple[str, str], list[int]] = {}
     for k, name in enumerate(sensor.coefficients):
-        kind = "accelerometer" if measures[name.partition(".")[0]] == "f" else "gyro"
+        kind = "accelerometer" if measures[CoefficientName(name).axis] == "f" else "gyro"
         line = sensor.coefficient(name)
         groups.setdefault((f"{kind} {line.group}", line.unit), []).append(k)
     std = estimate.std[:p]

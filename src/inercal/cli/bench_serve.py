@@ -33,23 +33,13 @@ def serve(
 
     A run survives the page and this server. A software stop is no safety function.
     """
-    from inercal.errors import InputError
+    from inercal.errors import InputError, brought_by
 
     runs_options = of_runs(speed, patience, temperature)
     if not 0 <= port < 65536:
         raise InputError(f"--port {port}; possible: 0 to 65535")
-    try:
+    packages = ("starlette", "uvicorn", "websockets", "tomlkit")
+    with brought_by("host", f"the live page needs {', '.join(packages)}", packages):
         from inercal.host.web.server import Options
         from inercal.host.web.server import serve as served
-    except ImportError as error:
-        if (error.name or "").partition(".")[0] not in (
-            "starlette",
-            "uvicorn",
-            "websockets",
-            "tomlkit",
-        ):
-            raise
-        raise InputError(
-            f"the live page needs {error.name}; install the extra: pip install 'inercal[host]'"
-        ) from error
     served(Options(plans, runs, register, table, imu, clock, runs_options, host, port, token))

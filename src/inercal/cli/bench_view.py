@@ -7,6 +7,8 @@ from contextlib import contextmanager
 from math import degrees
 from typing import TYPE_CHECKING
 
+from inercal.keys import CoefficientName
+
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
@@ -126,7 +128,9 @@ def _found(run: "BenchRun") -> "list[RenderableType]":
             + " ".join(f"{x:+.1f} ″" for x in at.apart)
             + "; velocity " + " ".join(f"{v:+.3f}" for v in at.velocity) + " m/s"
         ))  # fmt: skip
-    values = {name: (v, u) for name, v, u in zip(live.names, live.values, live.std, strict=True)}
+    values: dict[str, tuple[float, float]] = {
+        name: (v, u) for name, v, u in zip(live.names, live.values, live.std, strict=True)
+    }
     for kind in ("f", "w"):
         part = run.sensor.only(kind)
         if not part.coefficients:
@@ -134,7 +138,7 @@ def _found(run: "BenchRun") -> "list[RenderableType]":
         table = Table(box=None, padding=(0, 2, 0, 0))
         for heading in ("", *(axis.name for axis in part.axes), ""):
             table.add_column(heading, justify="right" if heading else "left")
-        for own in dict.fromkeys(name.partition(".")[2] for name in part.coefficients):
+        for own in dict.fromkeys(CoefficientName(name).term for name in part.coefficients):
             cells = [_cell(run, f"{axis.name}.{own}", values) for axis in part.axes]
             unit = part.coefficient(f"{part.axes[0].name}.{own}").unit
             table.add_row(own, *cells, f"{unit} (± is k = 2)")

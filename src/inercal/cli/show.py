@@ -6,6 +6,8 @@ from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+from inercal.keys import CoefficientName
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -98,7 +100,7 @@ def as_table(outcome: "Outcome", truth: Mapping[str, float]) -> None:
         calibration.sensor.coefficients, calibration.values, calibration.std, strict=True
     ):
         line = calibration.sensor.coefficient(name)
-        axis = name.partition(".")[0]
+        axis = CoefficientName(name).axis
         if previous and axis != previous:
             table.add_section()
         previous = axis

@@ -8,6 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from inercal.calibration.verdict import COVERAGE
+from inercal.keys import CoefficientName
 from inercal.store import CalibrationEntry, History, RunEntry, SensorEntry
 from inercal.store.comparison import Comparison
 from inercal.store.history import Course
@@ -172,7 +173,7 @@ def _row(table: Table, *cells: str) -> None:
 
 def _section(table: Table, name: str, previous: str) -> str:
     """Begin a section of the table where another axis begins; return the axis."""
-    axis = name.partition(".")[0]
+    axis = CoefficientName(name).axis
     if previous and axis != previous:
         table.add_section()
     return axis

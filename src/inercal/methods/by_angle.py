@@ -12,6 +12,7 @@ from inercal.benches.head_angles import angles
 from inercal.benches.passes import pass_names, ramps
 from inercal.errors import InputError
 from inercal.estimate import Gaussian, Problem
+from inercal.keys import CoefficientName
 from inercal.methods import candidates, vectors
 from inercal.motion import Motion
 from inercal.parameters import Parameter
@@ -114,7 +115,7 @@ def larger_sensor(sensor: Sensor) -> Sensor:
     kept = (
         name
         for name in whole.coefficients
-        if name in sensor.coefficients or name.partition(".")[2] not in _HIDDEN
+        if name in sensor.coefficients or CoefficientName(name).term not in _HIDDEN
     )
     return replace(whole, coefficients=tuple(kept))
 

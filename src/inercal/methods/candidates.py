@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.estimate import Candidate, Problem
+from inercal.keys import CoefficientName, ErrorName, ObservationName
 from inercal.parameters import Parameter
 from inercal.sensors import G0, SI_UNITS, Sensor
 from inercal.sensors.tables import LARGEST, TABLES, Coefficient
@@ -29,7 +30,6 @@ Array = NDArray[np.float64]
 _SHARED = ("run", "speed", "mounting", "pass")
 # SI per SI unit: whole turns leave this little of what they take out.
 _ROUNDED = 1e-12
-_COMPONENTS = ("x", "y", "z", "1", "2")
 # rad: north is taken for south, east for north; harmonics of a readback are small in any encoder.
 _MISTAKEN = {"azimuth": np.pi, "latitude": np.pi / 2}
 _HARMONIC = 0.01
@@ -136,7 +136,7 @@ def _of_sensor(
     larger = extended(sensor)
     kinds: dict[tuple[str, str], list[str]] = {}
     for full in larger.coefficients:
-        axis = full.partition(".")[0]
+        axis = CoefficientName(full).axis
         if full in names or full not in column or not _acts(column[full]):
             continue
         measures = next(a.measures for a in sensor.axes if a.name == axis)
@@ -213,7 +213,7 @@ def of_common(
     for name in names:
         sums: dict[str, list[str]] = {}
         for full in declared:
-            component = full.partition("[")[0]
+            component = ErrorName(full).name
             if full in column and component.rpartition("_")[0] == name:
                 sums.setdefault(component, []).append(full)
         if any(len(rows) < 2 for rows in sums.values()) or not sums:
@@ -240,7 +240,7 @@ def of_priors(sensor: Sensor, told: Sequence[str], column: Mapping[str, Array]) 
     """
     kinds: dict[str, list[str]] = {}
     for full in dict.fromkeys(told):
-        kinds.setdefault(full.partition(".")[2], []).append(full)
+        kinds.setdefault(CoefficientName(full).term, []).append(full)
     together = [(short, members) for short, members in kinds.items() if len(members) > 1]
     alone = [(full, [full]) for members in kinds.values() for full in members]
     return [
@@ -276,9 +276,7 @@ def _acts(column: Array) -> bool:
 
 def _of_vector(full: str) -> str:
     """Return "pose[XY30]" of "pose_x[XY30]", and any other name as it is."""
-    name, bracket, place = full.partition("[")
-    stem, _, component = name.rpartition("_")
-    return stem + bracket + place if bracket and stem and component in _COMPONENTS else full
+    return ErrorName(full).vector
 
 
 def of_rows(observations: Sequence[str], sensor: Sensor) -> list[Candidate]:
@@ -292,7 +290,7 @@ def of_rows(observations: Sequence[str], sensor: Sensor) -> list[Candidate]:
         columns = np.zeros((len(observations), len(places)))
         columns[places, range(len(places))] = 1.0
         names = tuple(observations[k] for k in places)
-        units = tuple(channels.get(name.partition("[")[0], "m/s²") for name in names)
+        units = tuple(channels.get(ObservationName(name).channel, "m/s²") for name in names)
         made.append(Candidate(row, "row", names, units, columns))
     return made
 
@@ -341,5 +339,5 @@ def of_drift(
 
 def _row(label: str, channels: Mapping[str, str]) -> str:
     """Return the row of an observation labelled "ax[row]", or its whole label."""
-    channel, bracket, rest = label.partition("[")
-    return rest.removesuffix("]") if bracket and channel in channels else label
+    one = ObservationName(label)
+    return one.row if one.row and one.channel in channels else label

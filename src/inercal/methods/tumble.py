@@ -54,6 +54,7 @@ from inercal.benches.passes import even as even_angles
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate, Gaussian
 from inercal.estimate import least_squares as solve
+from inercal.keys import CoefficientName
 from inercal.methods import by_angle, vectors
 from inercal.methods import tumble_harmonics as harmonics
 from inercal.methods._base import Method
@@ -142,7 +143,7 @@ def fourier(
     if observations.mean.ndim != 2:
         raise InputError("estimator fourier works on one recording at a time")
     angle = _angles(observations, sensor, steps)
-    terms = [name.partition(".")[2] for name in sensor.coefficients]
+    terms = [CoefficientName(name).term for name in sensor.coefficients]
     others = [term for term in terms if term not in harmonics.TERMS]
     if others:
         raise InputError(

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.estimate.steps import FEW
+from inercal.keys import CoefficientName
 from inercal.motion import Motion
 from inercal.sensors import Sensor, inverse
 
@@ -140,7 +141,7 @@ def noisy_norm(
     if len(lead) == 1 and lead[0] > FEW and _apart(sensor):
         from inercal.observe import _kernels
 
-        names = [name.split(".") for name in sensor.coefficients]
+        names = [CoefficientName(name).parts for name in sensor.coefficients]
         # NumPy's memory comes in large pages: the solver reads it faster than compiled code's own.
         jacobian = np.empty((*lead, r, p))
         residual, variance = _kernels.norm(
@@ -163,4 +164,4 @@ def _apart(sensor: Sensor) -> bool:
     """Return whether the axes are an orthogonal triad, each with terms along itself alone."""
     i = np.array([axis.i for axis in sensor.axes])
     orthogonal = len(i) == 3 and bool(np.all(np.abs(i @ i.T - np.eye(3)) < 2.0**-50))
-    return orthogonal and all(name.partition(".")[2] in _ALONG for name in sensor.coefficients)
+    return orthogonal and all(CoefficientName(name).term in _ALONG for name in sensor.coefficients)

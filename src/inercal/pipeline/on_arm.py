@@ -9,6 +9,7 @@ from inercal.benches import Centrifuge
 from inercal.errors import InputError, NotObserved
 from inercal.io.means import means_of, read_columns
 from inercal.io.rest import norm_finding
+from inercal.keys import CoefficientName
 from inercal.methods.centrifuge_norm.left_out import left_out
 from inercal.methods.centrifuge_norm.screening import screen
 from inercal.pipeline.inputs import (
@@ -136,7 +137,7 @@ def _recording(run: Run, bench: Centrifuge) -> Gathered:
     dwells, left_out = find_dwells(recording)
     harmonics = 0
     if bench.platform != "locked":
-        shorts = {name.partition(".")[2] for name in run.sensor.coefficients}
+        shorts = {CoefficientName(name).term for name in run.sensor.coefficients}
         if "koq" in shorts:
             raise InputError(
                 f"{run.path}: koq bends the reading at zero: its harmonics have no end; calibrate "

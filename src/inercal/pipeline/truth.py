@@ -26,7 +26,7 @@ def in_frame_of(calibration: Calibration, truth: Mapping[str, float]) -> Mapping
         As stated, SI; those missing are zero.
     """
     names = calibration.sensor.coefficients
-    stated = {name: truth.get(name, 0.0) for name in names}
+    stated: dict[str, float] = {name: truth.get(name, 0.0) for name in names}
     if calibration.frame != "symmetric":
         return stated
     true = replace(calibration, values=np.array(list(stated.values())), frame="mount")

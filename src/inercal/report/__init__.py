@@ -3,14 +3,14 @@
 Figures are SVG inside the page, whose colours follow the reader's light or dark scheme.
 """
 
-from collections.abc import Generator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from inercal.budget import Budget
 from inercal.design.on_head import Worksheet
-from inercal.errors import InputError
+from inercal.errors import brought_by
 from inercal.io.atomic import atomic_write
 from inercal.pipeline import Outcome
 from inercal.pipeline.refused import Seen
@@ -137,17 +137,9 @@ def write_worksheet(sheet: Worksheet, path: str | Path, table: str) -> Path:
     return _write(path, page(sheet, table))
 
 
-@contextmanager
-def _extras() -> Generator[None]:
-    try:
-        yield
-    except ImportError as error:
-        # A broken module of this package is no missing extra.
-        if (error.name or "").partition(".")[0] not in ("matplotlib", "jinja2", "markupsafe"):
-            raise
-        raise InputError(
-            "reports need matplotlib and jinja2: pip install 'inercal[report]'"
-        ) from error
+def _extras() -> AbstractContextManager[None]:
+    packages = ("matplotlib", "jinja2", "markupsafe")
+    return brought_by("report", "reports need matplotlib and jinja2", packages)
 
 
 def _write(path: str | Path, text: str) -> Path:

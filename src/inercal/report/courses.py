@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from inercal.benches import Turntable
 from inercal.calibration.verdict import COVERAGE
 from inercal.estimate import Course, Smoothed
+from inercal.keys import CoefficientName
 from inercal.pipeline import Outcome
 from inercal.recording import Track
 from inercal.report import drawing
@@ -74,16 +75,16 @@ def _converging(axes: Axes, kind: _Kind, sensor: Sensor, truth: Mapping[str, flo
     course = kind.course
     picks = thinned(course.time.size)
     time = course.time[picks]
-    channels = list(dict.fromkeys(name.partition(".")[0] for name in kind.names))
-    shorts = list(dict.fromkeys(name.partition(".")[2] for name in kind.names))
+    channels = list(dict.fromkeys(CoefficientName(name).axis for name in kind.names))
+    shorts = list(dict.fromkeys(CoefficientName(name).term for name in kind.names))
     final: list[float] = []
     for name in kind.names:
         column = course.names.index(name)
         value, reach = course.value[:, column], COVERAGE * course.std[:, column] / kind.size
         final.append(float(reach[-1]))
         centre = value[-1] if truth is None else truth.get(name, 0.0)
-        colour = AXES[channels.index(name.partition(".")[0]) % 3]
-        style = _STYLES[shorts.index(name.partition(".")[2]) % 3]
+        colour = AXES[channels.index(CoefficientName(name).axis) % 3]
+        style = _STYLES[shorts.index(CoefficientName(name).term) % 3]
         axes.plot(time, (value[picks] - centre) / kind.size, style, color=colour, lw=1.0,
                   label=name)  # fmt: skip
         for side in (-1, 1):
@@ -140,7 +141,7 @@ def _lines(course: Course, made: Smoothed, sensor: Sensor) -> tuple[_Line, _Line
         tuple(name for name in made.names if name.startswith(first)) for first in ("phi_", "drift[")
     )
     kinds = {axis.name: axis.measures for axis in sensor.axes}
-    turning = any(kinds[name.partition(".")[0]] == "w" for name in course.names if "." in name)
+    turning = any(kinds[CoefficientName(name).axis] == "w" for name in course.names if "." in name)
     unit, size = ("°/h", radians(1) / 3600) if turning else ("µg", 1e-6 * G0)
     return (
         _Line(f"{course.name}: attitude off by, ″", tilt, radians(1 / 3600)),

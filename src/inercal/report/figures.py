@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from inercal.estimate import Estimate
+from inercal.keys import CoefficientName
 from inercal.pipeline import Outcome
 from inercal.report import drawing
 from inercal.report.drawing import AXES, BAND, FAINT, INK, MINUS, PAPER, PLUS, SHAPES, X, Y, Z, svg
@@ -200,7 +201,7 @@ def correlations(estimate: Estimate) -> Markup:
     for k, name in enumerate(names):
         axes.text(k, p - 0.3, name, rotation=90, ha="center", va="top", fontsize=7)
         axes.text(-0.7, k, name, ha="right", va="center", fontsize=7)
-    owners = [name.partition(".")[0] for name in names]
+    owners = [CoefficientName(name).axis for name in names]
     for k in range(1, p):
         if owners[k] != owners[k - 1]:
             axes.plot([-0.5, k - 0.5, k - 0.5], [k - 0.5, k - 0.5, p - 0.5], color=FAINT, lw=0.6)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from markupsafe import Markup
 
 from inercal.calibration.verdict import chance
+from inercal.keys import CoefficientName
 from inercal.report.over_time_figure import courses
 from inercal.report.tables import minus
 from inercal.report.templates import render
@@ -110,13 +111,13 @@ def _sentence(line: str) -> Markup:
 def _groups(history: History) -> list[Group]:
     by_axis: dict[str, list[Course]] = {}
     for course in history.courses:
-        by_axis.setdefault(course.name.partition(".")[0], []).append(course)
+        by_axis.setdefault(CoefficientName(course.name).axis, []).append(course)
     return [
         Group(
             axis,
             tuple(map(_row, found)),
             courses(history, found, f"axis{k}"),
-            tuple(f"{one.name.partition('.')[2]}\n{one.unit}" for one in found),
+            tuple(f"{CoefficientName(one.name).term}\n{one.unit}" for one in found),
             tuple(
                 (f"#{entry.id}", _date(entry.measured), *(_cell(one, place) for one in found))
                 for place, entry in enumerate(history.entries)

@@ -9,6 +9,7 @@ import numpy as np
 
 from inercal.calibration.verdict import COVERAGE
 from inercal.estimate import Estimate
+from inercal.keys import CoefficientName, ErrorName
 from inercal.parameters import Parameter
 from inercal.pipeline import Outcome
 from inercal.pipeline.truth import in_frame_of
@@ -79,7 +80,7 @@ def coefficients(outcome: Outcome, truth: Mapping[str, float] | None) -> list[Gr
             tuple(
                 _row(outcome, name, true)
                 for name in calibration.sensor.coefficients
-                if name.partition(".")[0] == axis.name
+                if CoefficientName(name).axis == axis.name
             )
             for axis in calibration.sensor.axes
             if axis.measures == kind
@@ -131,7 +132,7 @@ def bench(outcome: Outcome) -> tuple[list[Grid], dict[str, list[tuple[str, float
     pulls: dict[str, list[tuple[str, float]]] = {}
     for name, parameter in known.items():
         if parameter.sd > 0:
-            short, _, label = name.rstrip("]").partition("[")
+            short, label = ErrorName(name).parts
             value = estimate.value[estimate.names.index(name)]
             pull = float((value - parameter.value) / parameter.sd)
             pulls.setdefault(label or "run", []).append((short, pull))
@@ -159,7 +160,7 @@ def bench(outcome: Outcome) -> tuple[list[Grid], dict[str, list[tuple[str, float
 
 def _row_of(name: str, outcome: Outcome) -> int:
     """Return the row of the observations that a parameter belongs to; the first for others."""
-    label, labels = name.rstrip("]").partition("[")[2], outcome.observations.labels
+    label, labels = ErrorName(name).place, outcome.observations.labels
     return labels.index(label) if label in labels else 0
 
 
@@ -182,8 +183,8 @@ def _run_row(estimate: Estimate, name: str, parameter: Parameter) -> tuple[str, 
 def _by_label(
     estimate: Estimate, title: str, names: list[str], known: Mapping[str, Parameter]
 ) -> Grid:
-    shorts = list(dict.fromkeys(name.partition("[")[0] for name in names))
-    labels = list(dict.fromkeys(name.rstrip("]").partition("[")[2] for name in names))
+    shorts = list(dict.fromkeys(ErrorName(name).name for name in names))
+    labels = list(dict.fromkeys(ErrorName(name).place for name in names))
     heads: list[str] = []
     cells: dict[str, list[str]] = {label: [] for label in labels}
     for short in shorts:

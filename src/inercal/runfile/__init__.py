@@ -19,6 +19,7 @@ from pydantic import ValidationError
 from inercal.benches import Bench, Turntable
 from inercal.errors import InputError
 from inercal.estimate import Gaussian
+from inercal.keys import CoefficientName
 from inercal.methods import Method, method
 from inercal.methods._base import Estimator
 from inercal.methods.ship_multi_angle import global_
@@ -222,7 +223,7 @@ def _build(path: Path, digest: str, schema: RunSchema) -> Run:
         for name, text in schema.sensor.truth.items()
     }
     # An IMU's truth may serve a method that leaves its gyros out.
-    truth = {name: c for name, c in truth.items() if name.partition(".")[0] in part.channels}
+    truth = {name: c for name, c in truth.items() if CoefficientName(name).axis in part.channels}
     if schema.data.time_unit != "sample":
         si_value(f"1 {schema.data.time_unit}", "s", "[data] time_unit")
     if schema.data.temperature is not None:

@@ -9,6 +9,7 @@ import numpy as np
 from inercal.calibration.files import load
 from inercal.errors import InputError
 from inercal.estimate import Gaussian
+from inercal.keys import CoefficientName
 from inercal.methods import centrifuge_norm
 from inercal.sensors import G0, Axis, Sensor
 
@@ -34,7 +35,7 @@ def static_prior(path: Path, sensor: Sensor) -> Gaussian:
     names = tuple(
         name
         for name in sensor.coefficients
-        if name.partition(".")[2] in ("k0", "k1") and name in known.sensor.coefficients
+        if CoefficientName(name).term in ("k0", "k1") and name in known.sensor.coefficients
     )
     if not names:
         raise InputError(f"{key}: {path.name} knows no k0 and k1 of {', '.join(sensor.channels)}")
@@ -75,8 +76,8 @@ def prior_from(path: Path, taken: Mapping[str, str], sensor: Sensor) -> Gaussian
         ):
             if name not in one.coefficients:
                 raise InputError(f"{key}: no {name!r}; {whose} {', '.join(one.coefficients)}")
-        term = ours.partition(".")[2]
-        if term != theirs.partition(".")[2]:
+        term = CoefficientName(ours).term
+        if term != CoefficientName(theirs).term:
             raise InputError(f"{key}: {ours} and {theirs} are not of one kind")
         if term.startswith("delta"):
             raise InputError(f"{key}: {ours} is of the fixture, not of the accelerometer")
@@ -87,7 +88,7 @@ def prior_from(path: Path, taken: Mapping[str, str], sensor: Sensor) -> Gaussian
                 f"part of k1; calibrate that sensor in the {sensor.form} form"
             )
         mine, other = (
-            next(axis for axis in one.axes if axis.name == name.partition(".")[0])
+            next(axis for axis in one.axes if axis.name == CoefficientName(name).axis)
             for name, one in ((ours, sensor), (theirs, known.sensor))
         )
         _require_alike(key, path, mine, other)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.errors import InputError
+from inercal.keys import CoefficientName
 from inercal.sensors.axis import Axis
 from inercal.sensors.tables import GROUPS, TABLES
 
@@ -27,11 +28,11 @@ def choose(axes: Sequence[Axis], chosen: Sequence[str]) -> tuple[str, ...]:
     """
     picked: set[str] = set()
     for word in chosen:
-        axis_name, dot, short = word.rpartition(".")
+        axis_name, short = CoefficientName(word).parts
         found = {
-            f"{axis.name}.{c}"
+            CoefficientName.of(axis.name, c)
             for k, axis in enumerate(axes)
-            if not dot or axis.name == axis_name
+            if word == short or axis.name == axis_name
             for c in _members(axes, k, short)
         }
         if not found:
@@ -41,7 +42,7 @@ def choose(axes: Sequence[Axis], chosen: Sequence[str]) -> tuple[str, ...]:
         full
         for axis in axes
         for c in TABLES[axis.measures]
-        if (full := f"{axis.name}.{c.name}") in picked
+        if (full := CoefficientName.of(axis.name, c.name)) in picked
     )
 
 
@@ -72,7 +73,7 @@ def _nonorthogonality(axes: Sequence[Axis], k: int) -> list[str]:
 def _unknown(axes: Sequence[Axis], word: str) -> str:
     short = sorted({c.name for axis in axes for c in TABLES[axis.measures]})
     words = [*short, *GROUPS, "nonorthogonality", *(axis.name + ".…" for axis in axes)]
-    near = get_close_matches(word.rpartition(".")[2], dict.fromkeys(words), n=2)
+    near = get_close_matches(CoefficientName(word).term, dict.fromkeys(words), n=2)
     hint = f"; did you mean {' or '.join(near)}?" if near else ""
     names = ", ".join(axis.name for axis in axes)
     return (

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.errors import InputError
+from inercal.keys import CoefficientName
 from inercal.motion import Motion
 from inercal.sensors.axis import Axis
 from inercal.sensors.choose import choose
@@ -71,7 +72,7 @@ class Sensor:
             raise InputError(f"sensor {self.name}: two axes have one name in {names}")
         by_axis: dict[str, list[Coefficient]] = {name: [] for name in names}
         for full in self.coefficients:
-            axis, _, short = full.partition(".")
+            axis, short = CoefficientName(full).parts
             tables = {a.name: TABLES[a.measures] for a in self.axes}
             known = {c.name: c for c in tables.get(axis, ())}
             if short not in known:
@@ -94,7 +95,7 @@ class Sensor:
         """Return the sensor's accelerometers or its gyros alone, with their coefficients."""
         axes = tuple(a for a in self.axes if a.measures == measures)
         kept = {a.name for a in axes}
-        names = tuple(c for c in self.coefficients if c.partition(".")[0] in kept)
+        names = tuple(c for c in self.coefficients if CoefficientName(c).axis in kept)
         return replace(self, axes=axes, coefficients=names)
 
     @property
@@ -104,7 +105,7 @@ class Sensor:
 
     def coefficient(self, full: str) -> Coefficient:
         """Return the line of the table behind a full name such as "x.k0"."""
-        axis, _, short = full.partition(".")
+        axis, short = CoefficientName(full).parts
         return next(c for c in self._by_axis[axis] if c.name == short)
 
     @cached_property

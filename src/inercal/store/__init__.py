@@ -5,19 +5,13 @@ entered it and when. Nothing in it is the only copy: it is filled from the folde
 files of calibrations, as often as one likes.
 """
 
-from inercal.errors import InputError
+from inercal.errors import brought_by
 
-try:
+_PACKAGES = ("sqlalchemy", "alembic", "psycopg")
+with brought_by("store", "the register needs SQLAlchemy and Alembic", _PACKAGES):
     from inercal.store.entries import CalibrationEntry, FileEntry, RunEntry, RunFacts, SensorEntry
     from inercal.store.history import History
     from inercal.store.register import Register
-except ImportError as error:
-    # A broken module of this package is no missing extra.
-    if (error.name or "").partition(".")[0] not in ("sqlalchemy", "alembic", "psycopg"):
-        raise
-    raise InputError(
-        "the register needs SQLAlchemy and Alembic: pip install 'inercal[store]'"
-    ) from error
 
 __all__ = [
     "CalibrationEntry",

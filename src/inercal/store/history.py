@@ -1,6 +1,6 @@
 """The calibrations of a sensor over time, coefficient by coefficient."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from functools import cached_property
@@ -178,7 +178,7 @@ def history_of(sensor: SensorEntry, entries: Sequence[CalibrationEntry]) -> Hist
             kept.append((entry, brought(entry.calibration, newest)))
         except InputError as error:
             left_out.append(f"calibration #{entry.id} cannot be compared with the newest: {error}")
-    fixed = {name for _, one in kept for name in held(one)}
+    fixed: set[str] = {name for _, one in kept for name in held(one)}
     names = [name for name in newest.sensor.coefficients if name not in fixed]
     others = {name for _, one in kept for name in one.sensor.coefficients} - fixed
     left_out += _without(
@@ -232,5 +232,5 @@ def _course(name: str, newest: Calibration, found: Sequence[Calibration], years:
     )
 
 
-def _without(*parts: tuple[set[str], str]) -> list[str]:
+def _without(*parts: tuple[Collection[str], str]) -> list[str]:
     return [words.format(", ".join(sorted(names))) for names, words in parts if names]

@@ -9,7 +9,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, cast
 
-from inercal.errors import InputError
+from inercal.errors import InputError, brought_by
 from inercal.io.atomic import atomic_write
 from inercal.studies.claim import Claim, Finding, judge
 from inercal.studies.section import Runner, Say, Study
@@ -84,15 +84,9 @@ def write_study(study: Study, folder: str | Path) -> Path:
     InputError
         matplotlib or jinja2 is missing, or the file cannot be written.
     """
-    try:
+    packages = ("matplotlib", "jinja2", "markupsafe")
+    with brought_by("report", "the page of a study needs matplotlib and jinja2", packages):
         from inercal.studies.page import page
-    except ImportError as error:
-        # A broken module of this package is no missing extra.
-        if (error.name or "").partition(".")[0] not in ("matplotlib", "jinja2", "markupsafe"):
-            raise
-        raise InputError(
-            "the page of a study needs matplotlib and jinja2: pip install 'inercal[report]'"
-        ) from error
     folder = Path(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -12,6 +12,7 @@ from inercal.errors import InputError
 from inercal.host.sim import _felt as kernel
 from inercal.host.sim.drawn import Drawn
 from inercal.host.sim.motion_link import Part
+from inercal.keys import CoefficientName
 from inercal.runfile import Run
 from inercal.sensors import Sensor
 from inercal.sensors.terms import COMPONENTS
@@ -66,7 +67,7 @@ class Reading:
             for product in sensor.coefficient(name).basis.products:
                 parts = [COMPONENTS.index(part) for part in product.components]
                 parts += [-1] * (kernel.MOST - len(parts))
-                axis = sensor.channels.index(name.partition(".")[0])
+                axis = sensor.channels.index(CoefficientName(name).axis)
                 terms.append((axis, value * product.factor, parts))
         terms.sort(key=lambda term: term[0])
         self._arguments = (

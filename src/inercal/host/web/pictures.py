@@ -15,6 +15,7 @@ from inercal.benches.turntable_attitude import reference
 from inercal.host.drivers.table import AxisState
 from inercal.host.run import BenchRun
 from inercal.host.tasks import tasks
+from inercal.keys import CoefficientName
 from inercal.runfile import Run
 from inercal.units import ZERO_CELSIUS
 
@@ -43,9 +44,9 @@ def plan(run: Run, bench: Turntable) -> dict[str, Any]:
         "coefficients": [
             {
                 "name": name,
-                "axis": name.partition(".")[0],
+                "axis": CoefficientName(name).axis,
                 "own": line.name,
-                "measures": measures[name.partition(".")[0]],
+                "measures": measures[CoefficientName(name).axis],
                 "unit": line.unit,
             }
             for name, line in coefficients

@@ -25,6 +25,7 @@ from inercal.benches.arm import felt_norm
 from inercal.benches.centrifuge import Centrifuge
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate, Gaussian, least_squares
+from inercal.keys import CoefficientName
 from inercal.methods._base import Method
 from inercal.methods.centrifuge_norm import closed
 from inercal.methods.centrifuge_norm.plans import plan
@@ -210,7 +211,7 @@ def _closed(
     if not np.isfinite(value).all():
         lost = sorted(
             {
-                n.partition(".")[0]
+                CoefficientName(n).axis
                 for n, v in zip(sensor.coefficients, value, strict=True)
                 if not np.isfinite(v)
             }

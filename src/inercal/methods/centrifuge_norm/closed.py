@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.errors import InputError, NotObserved
+from inercal.keys import CoefficientName
 from inercal.sensors import G0, Sensor
 
 Array = NDArray[np.float64]
@@ -84,7 +85,7 @@ def coefficients(
     by_short = {"k0": bias * G0, "k1": scale - 1, "k2": scale * bend / G0}
     columns: list[Array] = []
     for name in sensor.coefficients:
-        axis, _, short = name.partition(".")
+        axis, short = CoefficientName(name).parts
         columns.append(by_short[short][..., sensor.channels.index(axis)])
     return np.stack(columns, axis=-1)
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gauge, Gaussian
+from inercal.keys import CoefficientName
 from inercal.sensors import Sensor
 
 Array = NDArray[np.float64]
@@ -86,7 +87,9 @@ def gauges(sensor: Sensor) -> tuple[Gauge, ...]:
     """
     if sensor.frame != "symmetric":
         return ()
-    names = tuple(n for n in sensor.coefficients if n.partition(".")[2] in ("delta_o", "delta_p"))
+    names = tuple(
+        n for n in sensor.coefficients if CoefficientName(n).term in ("delta_o", "delta_p")
+    )
     if len(names) < 2 * len(sensor.axes):
         raise InputError(
             'frame "symmetric" takes all misalignments of the triad: choose misalignment, or leave '

@@ -28,6 +28,7 @@ from inercal.benches.dividing_head import DividingHead, drift_names, felt
 from inercal.benches.passes import places, ramps
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Candidate, Gauge, Gaussian, Problem, least_squares
+from inercal.keys import CoefficientName
 from inercal.methods import candidates
 from inercal.methods.by_angle import larger_sensor
 from inercal.methods.vectors import ROUNDING
@@ -77,7 +78,7 @@ def null_vectors(sensor: Sensor, g: float) -> tuple[tuple[str, Array], ...]:
         if set(weights) <= set(sensor.coefficients):
             row = np.zeros(len(sensor.coefficients))
             for name, weight in weights.items():
-                row[sensor.coefficients.index(name)] = weight * size[name.partition(".")[2]]
+                row[sensor.coefficients.index(name)] = weight * size[CoefficientName(name).term]
             found.append((words, row))
     return tuple(found)
 
@@ -158,7 +159,7 @@ def problem(
         larger = larger_sensor(sensor)
         there = np.concatenate([x, np.zeros(len(larger.coefficients) - p)])
         seen = compare(larger, y, there, g)
-        column = dict(zip(larger.coefficients, seen.jacobian.T, strict=True))
+        column: dict[str, Array] = dict(zip(larger.coefficients, seen.jacobian.T, strict=True))
         if not {f"{channel}.k1" for channel in sensor.channels} <= set(sensor.coefficients):
             column["g"] = np.full(len(steps), -1.0)  # else a part in a million of it is no k1
         families: dict[str, list[str]] = {}

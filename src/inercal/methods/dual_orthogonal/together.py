@@ -13,6 +13,7 @@ import numpy as np
 from inercal.benches.dividing_head import DividingHead
 from inercal.calibration.verdict import COVERAGE
 from inercal.estimate import Estimate, Gaussian
+from inercal.keys import CoefficientName
 from inercal.methods.dual_orthogonal.square import ANGLES
 from inercal.units import readable
 
@@ -39,7 +40,7 @@ def together(estimate: Estimate, g: float) -> tuple[Together, ...]:
     g : float
         m/s².
     """
-    axes = [name.partition(".")[0] for name in estimate.wanted if name.endswith(".k1")]
+    axes = [CoefficientName(name).axis for name in estimate.wanted if name.endswith(".k1")]
     asked = [
         (f"{a}.k1 + {a}.k3 g²", "gain between up and down", (f"{a}.k1", f"{a}.k3"), (1.0, g**2))
         for a in axes
@@ -71,7 +72,7 @@ def notes(estimate: Estimate, bench: DividingHead, priors: Sequence[Gaussian]) -
         if not {one.terms[1] for one in gains} <= told:
             why = "K3 has no prior, and is told from k1 by what is stated of the head"
         sums = ", ".join(
-            f"{one.terms[0].partition('.')[0]} {readable(one.value, k * one.sd, 'ppm')}"
+            f"{CoefficientName(one.terms[0]).axis} {readable(one.value, k * one.sd, 'ppm')}"
             for one in gains
         )
         said.append(

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.estimate import Candidate
+from inercal.keys import CoefficientName
 from inercal.methods.candidates import family
 from inercal.methods.multi_position.chain import entering, placed
 from inercal.methods.multi_position.rests import Rests, Rows
@@ -66,7 +67,7 @@ def _of_coefficients(rests: Rests, rows: Rows, x: Array, enter: Array) -> Iterat
     kinds: dict[tuple[str, str], list[str]] = {}
     turned = _turning(rests, rows, x)
     for full in larger.coefficients:
-        name = full.partition(".")[0]
+        name = CoefficientName(full).axis
         axis = next(k for k, one in enumerate(sensor.axes) if one.name == name)
         measures = sensor.axes[axis].measures
         if full in sensor.coefficients or not any(

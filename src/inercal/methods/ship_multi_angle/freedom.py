@@ -107,7 +107,7 @@ def turns_left(sensor: Sensor, left: Free) -> tuple[NullDirection, ...]:
 def _named(sensor: Sensor, move: Array, words: str) -> NullDirection:
     natural = move / sensor.natural
     natural = natural / natural[np.argmax(np.abs(natural))]
-    weights = {
+    weights: dict[str, float] = {
         name: float(w)
         for name, w in zip(sensor.coefficients, natural, strict=True)
         if abs(w) > 1e-9

@@ -25,6 +25,7 @@ from inercal.benches.turntable_attitude import misalignment, reference
 from inercal.estimate import Candidate
 from inercal.estimate.scores import Kind
 from inercal.frames import exp_so3, log_so3
+from inercal.keys import ErrorName
 from inercal.methods.candidates import LARGEST, family, largest_angle
 from inercal.methods.turntable import model
 from inercal.methods.turntable.model import Triad
@@ -287,9 +288,9 @@ def candidates(columns: Sequence[Column], rows: Array, moved: Array | None) -> l
 
 def _bench(name: str, unit: str) -> Column:
     """Return a parameter of the bench, with others of its key in a run file and by itself."""
-    wave, bracket, axis = name.partition("[")
-    if bracket and wave[:3] in ("sin", "cos"):
-        families = (f"harmonics[{axis}", f"harmonic {wave[3:]}[{axis}")
+    wave, axis = ErrorName(name).parts
+    if axis and wave[:3] in ("sin", "cos"):
+        families = (f"harmonics[{axis}]", f"harmonic {wave[3:]}[{axis}]")
     else:
         key = name.partition("_")[0]
         families = (key, name) if key in ("lean", "square") else (name,)

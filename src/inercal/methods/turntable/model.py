@@ -17,6 +17,7 @@ from inercal.earth import earth_rate_up_north
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gaussian, NullDirection
 from inercal.estimate.nullspace import echelon
+from inercal.keys import CoefficientName
 from inercal.methods.observed import in_natural_words
 from inercal.methods.turntable.drift import NONE, Drift, drift
 from inercal.methods.turntable.terms import BIAS, Terms, terms
@@ -108,7 +109,7 @@ def earth(bench: Turntable) -> Array:
 def expected(part: Triad) -> Array:
     """Return how large each coefficient may be before anything is known, (p,) SI."""
     named = zip(part.sensor.coefficients, part.sensor.natural, strict=True)
-    return np.array([EXPECTED.get(n.partition(".")[2], _OTHERS * size) for n, size in named])
+    return np.array([EXPECTED.get(CoefficientName(n).term, _OTHERS * size) for n, size in named])
 
 
 def begin(part: Triad, priors: Sequence[Gaussian], coarse: Array) -> tuple[Array, Array]:
@@ -222,7 +223,7 @@ def _directions(
     names = part.sensor.coefficients
     found: list[NullDirection] = []
     for move in echelon(rows):
-        weights = {n: float(w) for n, w in zip(names, move, strict=True) if w}
+        weights: dict[str, float] = {n: float(w) for n, w in zip(names, move, strict=True) if w}
         found.append(NullDirection(weights, in_natural_words(move, names)))
     return float(np.max(share, where=chosen, initial=0.0)), tuple(found)
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from inercal.benches.dividing_head import Collimated, DividingHead, Index, felt, mounted, positions
 from inercal.estimate import Estimate, Gaussian
+from inercal.keys import CoefficientName
 from inercal.motion import Motion
 from inercal.recording import Observations
 from inercal.sensors import G0
@@ -110,7 +111,7 @@ def in_order(truth: dict[str, Array]) -> Array:
     """Return coefficients by term, (..., 2) in natural units, as the sensor's, (..., 12) SI."""
     columns: list[Array] = []
     for name in SENSOR.coefficients:
-        axis, _, term = name.partition(".")
+        axis, term = CoefficientName(name).parts
         columns.append(NATURAL[term] * truth[term][..., "ab".index(axis)])
     return np.stack(columns, axis=-1)
 

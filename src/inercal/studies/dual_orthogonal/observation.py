@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.keys import CoefficientName
 from inercal.methods.dual_orthogonal import square
 from inercal.sensors import G0
 from inercal.studies.claim import Claim, judge, shown
@@ -153,7 +154,7 @@ def section(trials: int, seed: int) -> Section:
 
 def _named(name: str) -> str:
     """Return a coefficient as the source writes it: "K_A0" of "a.k0"."""
-    axis, _, term = name.partition(".")
+    axis, term = CoefficientName(name).parts
     return f"{'k' if term == 'k1' else 'K'}_{axis.upper()}{term[1:]}"
 
 

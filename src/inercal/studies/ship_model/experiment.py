@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from inercal.benches.mountings import FAST, RPM, Reading, multi_angle_plan, planar_plan
 from inercal.benches.rate_table import RateTable, felt
 from inercal.estimate import Estimate
+from inercal.keys import CoefficientName
 from inercal.methods.affine import Affine, to_affine
 from inercal.motion import Motion
 from inercal.plan import Spin
@@ -124,7 +125,7 @@ def simulate(
     """
     steps = (*planar_plan(), *multi_angle_plan(reading))
     rng = np.random.default_rng([seed, 2014])
-    sizes = np.array([SIZES[name.partition(".")[2]] for name in SENSOR.coefficients])
+    sizes = np.array([SIZES[CoefficientName(name).term] for name in SENSOR.coefficients])
     c = sizes * rng.standard_normal((trials, len(sizes)))
     q = {
         name: parameter.value + parameter.sd * rng.standard_normal(trials)

@@ -18,6 +18,7 @@ from scipy.signal import lfilter
 
 from inercal.benches import Turntable
 from inercal.benches.turntable_run import perform_on_turntable
+from inercal.keys import CoefficientName
 from inercal.motion import Motion
 from inercal.pipeline.simulation import read_out
 from inercal.plan import Position, TableStep
@@ -114,7 +115,7 @@ class Case:
 def simulate(steps: Sequence[TableStep], seed: int, table: Turntable = TABLE) -> Case:
     """Return one device, drawn by the seed, on a path of the table."""
     rng = np.random.default_rng([seed, 1])
-    sd = np.array([SIZES[name.partition(".")[2]] for name in SENSOR.coefficients])
+    sd = np.array([SIZES[CoefficientName(name).term] for name in SENSOR.coefficients])
     truth = sd * rng.standard_normal(sd.size)
     done, said = perform_on_turntable(table, steps, RATE_HZ, rng)
     motion = Motion(done.motion.f[0], done.motion.w[0])

@@ -6,6 +6,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.keys import CoefficientName
 from inercal.studies.turntable.experiment import ARCSEC, DEG_MIN, MICRO_G, PPM, SENSOR
 from inercal.studies.turntable.filters import Found
 
@@ -54,7 +55,7 @@ def part(found: Sequence[Found], kind: Kind, of: str) -> Array:
 
 def places(kind: Kind) -> list[int]:
     """Return where coefficients of a kind stand among twelve; both triads have one order."""
-    return [k for k, name in enumerate(_GYROS) if name.partition(".")[2] in KINDS[kind]]
+    return [k for k, name in enumerate(_GYROS) if CoefficientName(name).term in KINDS[kind]]
 
 
 def unit(kind: Kind, of: str) -> float:
