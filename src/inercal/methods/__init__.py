@@ -1,40 +1,30 @@
 """Calibration methods by name."""
 
-from collections.abc import Mapping
 from typing import Any
 
-from inercal.errors import InputError
-from inercal.methods import (
-    centrifuge_norm,
-    dual_orthogonal,
-    ferraris,
-    multi_position,
-    ship_multi_angle,
-    ship_planar,
-    six_position,
-    tumble,
-    turntable_discrete,
-    turntable_kalman,
-    turntable_trajectory,
-)
 from inercal.methods._base import Method
+from inercal.registry import Registry
 
-METHODS: Mapping[str, Method[Any, Any]] = {
-    module.METHOD.name: module.METHOD
-    for module in (
-        six_position,
-        ferraris,
-        multi_position,
-        centrifuge_norm,
-        dual_orthogonal,
-        tumble,
-        ship_planar,
-        ship_multi_angle,
-        turntable_kalman,
-        turntable_discrete,
-        turntable_trajectory,
-    )
-}
+METHODS: Registry[Method[Any, Any]] = Registry(
+    "inercal.methods",
+    "method",
+    {
+        name: f"inercal.methods.{name}:METHOD"
+        for name in (
+            "six_position",
+            "ferraris",
+            "multi_position",
+            "centrifuge_norm",
+            "dual_orthogonal",
+            "tumble",
+            "ship_planar",
+            "ship_multi_angle",
+            "turntable_kalman",
+            "turntable_discrete",
+            "turntable_trajectory",
+        )
+    },
+)
 
 
 def method(name: str) -> Method[Any, Any]:
@@ -45,10 +35,7 @@ def method(name: str) -> Method[Any, Any]:
     InputError
         No such method; the message lists those there are.
     """
-    name = name.replace("-", "_")
-    if name not in METHODS:
-        raise InputError(f"no method {name!r}; there are {', '.join(METHODS)}")
-    return METHODS[name]
+    return METHODS.find(name.replace("-", "_"))
 
 
 __all__ = ["METHODS", "Method", "method"]

@@ -1,0 +1,113 @@
+"""Things by name: those of this package, and those that other packages bring.
+
+A package brings one by an entry point of the group, in its `pyproject.toml`::
+
+    [project.entry-points."inercal.methods"]
+    tilt_means = "their_package.tilt:METHOD"
+
+What is named is imported when it is first asked for. Names of this package are found without a
+look at the installed packages, which takes some 20 ms.
+"""
+
+from collections.abc import Generator, Iterator, Mapping
+from contextlib import contextmanager
+from functools import cached_property
+from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
+from typing import TypeVar
+
+from inercal.errors import InputError
+
+T = TypeVar("T")
+
+
+class Registry(Mapping[str, T]):
+    """Things of one sort by name; iterating gives the names, this package's first.
+
+    Parameters
+    ----------
+    group : str
+        Of entry points, "inercal.methods".
+    what : str
+        What a message calls one of them, "method".
+    own : mapping of str to str
+        Where those of this package are, "module:attribute".
+    """
+
+    def __init__(self, group: str, what: str, own: Mapping[str, str]) -> None:
+        self.group, self.what, self._own = group, what, dict(own)
+        self._loaded: dict[str, T] = {}
+        self._added: dict[str, T] = {}
+
+    def __getitem__(self, name: str) -> T:
+        if name in self._added:
+            return self._added[name]
+        if name not in self._loaded:
+            if name in self._own:
+                module, _, attribute = self._own[name].partition(":")
+                self._loaded[name] = getattr(import_module(module), attribute)
+            elif name in self._foreign:
+                self._loaded[name] = self._load(self._foreign[name])
+            else:
+                raise KeyError(name)
+        return self._loaded[name]
+
+    def __iter__(self) -> Iterator[str]:
+        yield from dict.fromkeys((*self._own, *self._foreign, *self._added))
+
+    def __len__(self) -> int:
+        return len(tuple(iter(self)))
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._own or name in self._added or name in self._foreign
+
+    def find(self, name: str) -> T:
+        """Return what has this name.
+
+        Raises
+        ------
+        InputError
+            Nothing has it; the message lists the names there are. Or a package names one as this
+            package does, two packages name one alike, or what is named cannot be imported.
+        """
+        if name not in self:
+            raise InputError(f"no {self.what} {name!r}; there are {', '.join(self)}")
+        return self[name]
+
+    @contextmanager
+    def with_(self, name: str, one: T) -> Generator[None]:
+        """Have one more for a while, as a package would bring it."""
+        if name in self:
+            raise InputError(f"there is a {self.what} {name!r} already")
+        self._added[name] = one
+        try:
+            yield
+        finally:
+            del self._added[name]
+
+    @cached_property
+    def _foreign(self) -> Mapping[str, EntryPoint]:
+        found: dict[str, EntryPoint] = {}
+        for point in entry_points(group=self.group):
+            other = found.get(point.name)
+            if point.name in self._own or (other is not None and other.value != point.value):
+                taken = "inercal" if other is None else _package(other)
+                raise InputError(
+                    f"package {_package(point)} brings a {self.what} {point.name!r}, a name that "
+                    f"{taken} has; one of both must be renamed or uninstalled"
+                )
+            found[point.name] = point
+        return found
+
+    def _load(self, point: EntryPoint) -> T:
+        try:
+            return point.load()
+        except (ImportError, AttributeError) as error:
+            raise InputError(
+                f"{self.what} {point.name!r} of package {_package(point)} cannot be loaded from "
+                f"{point.value}: {error}"
+            ) from error
+
+
+def _package(point: EntryPoint) -> str:
+    return point.dist.name if point.dist is not None else point.value

@@ -1,0 +1,87 @@
+"""Things by name, of this package and of others."""
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from inercal.errors import InputError
+from inercal.methods import METHODS
+from inercal.registry import Registry
+
+OWN = {"plain": "json:dumps", "missing": "inercal.none:NONE"}
+
+
+def registry() -> Registry[object]:
+    return Registry("inercal.tests", "thing", OWN)
+
+
+def installed(folder: Path, package: str, **points: str) -> None:
+    """Make a package's metadata as an installation leaves them."""
+    info = folder / f"{package}-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.0\n")
+    lines = "".join(f"{name} = {value}\n" for name, value in points.items())
+    (info / "entry_points.txt").write_text(f"[inercal.tests]\n{lines}")
+
+
+@pytest.fixture
+def site(tmp_path: Path) -> Iterator[Path]:
+    sys.path.insert(0, str(tmp_path))
+    yield tmp_path
+    sys.path.remove(str(tmp_path))
+
+
+def test_a_name_of_this_package_is_imported_when_it_is_asked_for() -> None:
+    import json
+
+    things = registry()
+    assert list(things) == ["plain", "missing"]
+    assert things["plain"] is json.dumps
+    with pytest.raises(ModuleNotFoundError):
+        things.find("missing")
+
+
+def test_a_package_brings_one(site: Path) -> None:
+    installed(site, "theirs", loads="json:loads")
+    things = registry()
+    assert list(things) == ["plain", "missing", "loads"]
+    assert things.find("loads") is sys.modules["json"].loads
+
+
+def test_a_package_may_not_take_a_name_of_this_one(site: Path) -> None:
+    installed(site, "theirs", plain="json:loads")
+    with pytest.raises(InputError, match=r"theirs.*'plain'.*inercal"):
+        registry().find("loads")
+
+
+def test_two_packages_with_one_name_are_refused(site: Path) -> None:
+    installed(site, "first", loads="json:loads")
+    installed(site, "second", loads="json:load")
+    with pytest.raises(InputError, match=r"'loads'"):
+        registry().find("loads")
+
+
+def test_what_cannot_be_loaded_is_told_by_its_package(site: Path) -> None:
+    installed(site, "theirs", broken="json:nothing")
+    with pytest.raises(InputError, match=r"'broken' of package theirs"):
+        registry().find("broken")
+
+
+def test_an_unknown_name_lists_those_there_are() -> None:
+    with pytest.raises(InputError, match=r"no thing 'other'; there are plain, missing"):
+        registry().find("other")
+
+
+def test_one_more_is_there_for_a_while() -> None:
+    things = registry()
+    with things.with_("more", 3):
+        assert things.find("more") == 3
+    assert "more" not in things
+    with pytest.raises(InputError), things.with_("plain", 3):
+        pass
+
+
+def test_methods_have_the_names_they_are_registered_by() -> None:
+    assert [method.name for method in METHODS.values()] == list(METHODS)
