@@ -14,7 +14,8 @@ parallel explain the residuals equally well: no data of this kind tell them apar
 
 Many candidates are tested at once. They share the level so that each, whatever its k, would be
 noticed with the same probability at η = 6 (Bonferroni, weighted): by equal parts nine directions
-would show far more rarely than one. Where the candidates span few dimensions, all are judged by the
+would show far more rarely than one. More than six directions get no more than six: twelve would
+take seven times as much, from all others. Where the candidates span few dimensions, all are judged by the
 χ² of that space instead (Scheffé), if this is the less strict for a single direction.
 
 Sources: Rao 1948, Mathematical Proceedings of the Cambridge Philosophical Society 44, 50–57 (score
@@ -46,6 +47,7 @@ _FEW_COLUMNS = 1000  # whose span is worked out
 _MANY = 5000  # rows, beyond which fewer dimensions stand for them
 _VISIBLE = 3.0  # η at the largest plausible size; below, a candidate is not scored
 _ETA, _MISSED = 6.0, 0.05  # at which η all candidates are missed alike, with what probability
+_MOST = 6  # directions, for the share of the level
 _SEEN = 1e-6  # least share of a candidate's column that the fit leaves to the residuals
 
 
@@ -207,6 +209,7 @@ class Scored:
 @cache
 def _weight(dof: int) -> float:
     """Return the p-value that a χ² of η = 6 exceeds but with the probability to miss it."""
+    dof = min(dof, _MOST)
     return float(chdtrc(dof, chndtrix(_MISSED, dof, _ETA**2)))
 
 

@@ -36,7 +36,7 @@ from inercal.sensors.tables import SI_UNITS, TABLES
 Array = NDArray[np.float64]
 # Cosines over the run that a slow change of a bias is described by: few, as the level is shared
 # among candidates, and one of many columns takes much of it.
-MODES = 3
+MODES = 4
 _HARMONICS = 3  # of each axis, tested at least
 _NOT_FELT = ("arm", "rotation", "temperature")  # groups of coefficients
 _UNITS = {"f": "m/s²", "w": "rad/s"}
