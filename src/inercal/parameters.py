@@ -30,6 +30,8 @@ class Parameter:
     assumed : str
         The key of a run file that states the value without "±": `sd` is then of its last digit.
         Empty where `sd` is stated.
+    attitude : bool
+        Whether it turns the sensor and does nothing else: no norm of readings depends on it.
     """
 
     name: str
@@ -39,3 +41,4 @@ class Parameter:
     value: float = 0.0
     meaning: str = ""
     assumed: str = ""
+    attitude: bool = False

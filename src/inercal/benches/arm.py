@@ -26,15 +26,18 @@ Rate and tilt may differ from dwell to dwell besides, by `dwell_rate` and `dwell
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import cos, sin
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.centrifuge import Centrifuge, positions
 from inercal.earth import EARTH_RATE
 from inercal.errors import InputError
 from inercal.frames import exp_so3, left_jacobian, skew
-from inercal.plan import Spin
+from inercal.plan import Attitude, Spin
+
+if TYPE_CHECKING:
+    from inercal.benches.centrifuge import Centrifuge
 
 Array = NDArray[np.float64]
 
@@ -70,7 +73,7 @@ class _Arm:
     tilt_by: Mapping[str, Array]
 
 
-def _arm(bench: Centrifuge, steps: Sequence[Spin], q: Mapping[str, Array]) -> _Arm:
+def _arm(bench: "Centrifuge", steps: Sequence[Spin], q: Mapping[str, Array]) -> _Arm:
     w = bench.sense * np.array([step.rate for step in steps])
     zero = np.zeros(())
     labels = [step.label for step in steps]
@@ -134,7 +137,7 @@ def _of_each(q: Mapping[str, Array], name: str, labels: Sequence[str]) -> Array:
     return np.stack(np.broadcast_arrays(*values), axis=-1)
 
 
-def felt_norm(bench: Centrifuge, steps: Sequence[Spin], q: Mapping[str, Array]) -> FeltNorm:
+def felt_norm(bench: "Centrifuge", steps: Sequence[Spin], q: Mapping[str, Array]) -> FeltNorm:
     """Return the norm that each dwell makes.
 
     Parameters
@@ -174,7 +177,7 @@ class FeltVector:
     dw: Mapping[str, Array]
 
 
-def felt_vector(bench: Centrifuge, steps: Sequence[Spin], q: Mapping[str, Array]) -> FeltVector:
+def felt_vector(bench: "Centrifuge", steps: Sequence[Spin], q: Mapping[str, Array]) -> FeltVector:
     """Return the specific force of each dwell in its attitude.
 
     Parameters
@@ -245,6 +248,14 @@ def directions(steps: Sequence[Spin]) -> tuple[Array, Array]:
         lacking = next(step.label for step in steps if step.attitude is None)
         raise InputError(f"{lacking}: its attitude on the arm is not known")
     return np.array([a.out for a in known]), np.array([a.up for a in known])
+
+
+def positions(steps: Sequence[Spin]) -> dict[Attitude | None, str]:
+    """Return the name of each attitude: the label of the first step that has it."""
+    named: dict[Attitude | None, str] = {}
+    for step in steps:
+        named.setdefault(step.attitude, step.label)
+    return named
 
 
 def _apply(matrix: Array, vector: Array) -> Array:

@@ -11,8 +11,8 @@ from math import atan2, cos, sin
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.arm import directions, felt_vector
-from inercal.benches.centrifuge import Centrifuge, positions
+from inercal.benches.arm import directions, felt_vector, positions
+from inercal.benches.centrifuge import Centrifuge
 from inercal.benches.simulate import Performance
 from inercal.frames import exp_so3
 from inercal.motion import Motion
@@ -53,7 +53,7 @@ def perform_on_arm(
     InputError
         A step of unknown attitude.
     """
-    declared = bench.nuisances(steps, vectors=True, dwells=True)
+    declared = bench.acting(steps, vectors=True, dwells=True)
     drawn = {n: q.value + q.sd * rng.standard_normal(trials) for n, q in declared.items()}
     named = positions(steps)
     f: list[Array] = []

@@ -3,15 +3,24 @@
 What its arm makes a sensor feel stands in `inercal.benches.arm`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import cos, sqrt
 from typing import Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches.arm import felt_vector, positions
+from inercal.benches.contract import MeanMotion
 from inercal.earth import EARTH_RATE
+from inercal.motion import Motion
 from inercal.parameters import Parameter
-from inercal.plan import Attitude, Spin
+from inercal.plan import Spin
+from inercal.sensors import Sensor
 from inercal.units import Measured
+
+Array = NDArray[np.float64]
 
 Platform = Literal["locked", "counter-rotating"]
 _EXACT = Measured(0.0, 0.0)
@@ -112,21 +121,41 @@ class Centrifuge:
             Parameter("level1", "rad/s", level, "run", 0.0, "earth rate, level"),
             Parameter("level2", "rad/s", level, "run", 0.0, "earth rate, level"),
             *(
-                Parameter(f"mount_{a}", "rad", self.mounting, "run", 0.0, f"mounting about {a}")
+                Parameter(
+                    f"mount_{a}",
+                    "rad",
+                    self.mounting,
+                    "run",
+                    0.0,
+                    f"mounting about {a}",
+                    attitude=True,
+                )
                 for a in "xyz"
             ),
             *(
-                Parameter(f"index_{a}", "rad", indexing, "position", 0.0, f"indexing about {a}")
+                Parameter(
+                    f"index_{a}",
+                    "rad",
+                    indexing,
+                    "position",
+                    0.0,
+                    f"indexing about {a}",
+                    attitude=True,
+                )
                 for a in "xyz"
             ),
             Parameter("dwell_rate", "1", self.dwell_rate, "dwell", 0.0, "rate of a dwell"),
             Parameter("dwell_tilt", "rad", self.dwell_tilt, "dwell", 0.0, "tilt of a dwell"),
         )
 
-    def nuisances(
-        self, steps: Sequence[Spin], *, vectors: bool, dwells: bool = False
+    def nuisances(self, steps: Sequence[Spin], sensor: Sensor) -> dict[str, Parameter]:
+        """Return the parameters that act on these steps, by full name such as "index_x[p07]"."""
+        return self.acting(steps, dwells=True)
+
+    def acting(
+        self, steps: Sequence[Spin], *, vectors: bool = True, dwells: bool = False
     ) -> dict[str, Parameter]:
-        """Return the parameters that act on these steps, by full name such as "index_x[p07]".
+        """Return those that an estimation carries.
 
         Parameters
         ----------
@@ -134,15 +163,14 @@ class Centrifuge:
         vectors : bool
             Whether specific force itself is observed; its norm knows of no attitude.
         dwells : bool
-            Whether what differs from dwell to dwell is named, for a simulation; an estimation
-            counts it as noise.
+            Whether what differs from dwell to dwell is named; an estimation counts it as noise.
         """
         found: dict[str, Parameter] = {}
         for parameter in self.parameters:
             if parameter.scope == "dwell":
                 if dwells:
                     found |= {f"{parameter.name}[{step.label}]": parameter for step in steps}
-            elif not vectors and parameter.name.startswith(("mount", "index")):
+            elif parameter.attitude and not vectors:
                 continue
             elif parameter.scope == "position":
                 found |= {
@@ -152,10 +180,31 @@ class Centrifuge:
                 found[parameter.name] = parameter
         return found
 
+    def mean_motion(self, steps: Sequence[Spin], q: Mapping[str, Array]) -> MeanMotion:
+        """Return the mean motion of each dwell; see `inercal.benches.contract.MeanBench`.
 
-def positions(steps: Sequence[Spin]) -> dict[Attitude | None, str]:
-    """Return the name of each attitude: the label of the first step that has it."""
-    named: dict[Attitude | None, str] = {}
-    for step in steps:
-        named.setdefault(step.attitude, step.label)
-    return named
+        Raises
+        ------
+        InputError
+            A step of unknown attitude.
+        """
+        stated = {name: np.array(p.value) for name, p in self.acting(steps).items()}
+        made = felt_vector(self, steps, stated | dict(q))
+        labels = [step.label for step in steps]
+        df, dw = (_of_dwells(by, labels) for by in (made.df, made.dw))
+        return MeanMotion(Motion(made.f, made.w), df, dw)
+
+    def reading_offsets(
+        self, steps: Sequence[Spin], sensor: Sensor, q: Mapping[str, Array]
+    ) -> Array:
+        """Return zero: no error of a centrifuge adds to readings."""
+        return np.zeros(())
+
+
+def _of_dwells(by: Mapping[str, Array], labels: Sequence[str]) -> dict[str, Array]:
+    """Return derivatives (..., r, 3) with those by what differs from dwell to dwell named apart."""
+    found = {name: rows for name, rows in by.items() if not name.startswith("dwell")}
+    own = np.eye(len(labels))
+    for name in set(by) - set(found):
+        found |= {f"{name}[{label}]": by[name] * own[k][:, None] for k, label in enumerate(labels)}
+    return found

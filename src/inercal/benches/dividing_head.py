@@ -32,10 +32,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.benches.contract import MeanMotion
 from inercal.benches.forces import Felt
 from inercal.benches.head_angles import acting, angles
 from inercal.benches.passes import pass_names, ramps
 from inercal.errors import InputError
+from inercal.motion import Motion
 from inercal.parameters import Parameter
 from inercal.plan import Index
 from inercal.sensors import Axis, Noise, Readout, Sensor
@@ -195,17 +197,15 @@ class DividingHead:
             Parameter("drift", "m/s²", self.drift, "pass", 0.0, "drift of a bias over a pass"),
         )
 
-    def nuisances(
-        self, steps: Sequence[Index], channels: Sequence[str] = ()
-    ) -> dict[str, Parameter]:
+    def nuisances(self, steps: Sequence[Index], sensor: Sensor) -> dict[str, Parameter]:
         """Return the parameters that act on these steps, by full name such as "division[f01]".
 
-        Parameters
-        ----------
-        steps : sequence of Index
-        channels : sequence of str
-            Accelerometers whose drift counts: "drift_a[pass 1]".
+        The drift of each accelerometer is among them, "drift_a[pass 1]".
         """
+        return self.acting(steps, sensor.channels)
+
+    def acting(self, steps: Sequence[Index], channels: Sequence[str] = ()) -> dict[str, Parameter]:
+        """Return the same, with the drift of these channels alone."""
         named = {name for row in acting(self, steps) for name in row}
         found: dict[str, Parameter] = {}
         for parameter in self.parameters:
@@ -226,13 +226,24 @@ class DividingHead:
     def simulated(
         self, steps: Sequence[Index], channels: Sequence[str] = ()
     ) -> dict[str, Parameter]:
-        """Return `nuisances` with the deviations that a simulation draws.
+        """Return `acting` with the deviations that a simulation draws.
 
         `felt` holds the lean exactly. The share of gravity that stands for its second order, which
         a linear estimator lacks, would count it twice.
         """
-        found = self.nuisances(steps, channels)
+        found = self.acting(steps, channels)
         return found | {"g": replace(found["g"], sd=self.gravity.sd)}
+
+    def mean_motion(self, steps: Sequence[Index], q: Mapping[str, Array]) -> MeanMotion:
+        """Return the mean motion at each position; see `inercal.benches.contract.MeanBench`."""
+        made = felt(self, steps, q)
+        return MeanMotion(Motion(made.f), made.by)
+
+    def reading_offsets(
+        self, steps: Sequence[Index], sensor: Sensor, q: Mapping[str, Array]
+    ) -> Array:
+        """Return by how much the biases have drifted, (..., r, m) m/s²."""
+        return drifted(steps, sensor.channels, q)
 
 
 def drift_names(channel: str, steps: Sequence[Index]) -> list[str]:
@@ -252,7 +263,8 @@ def drifted(steps: Sequence[Index], channels: Sequence[str], q: Mapping[str, Arr
     """
     made = ramps(steps)
     by_axis = [
-        np.stack([q[name] for name in drift_names(channel, steps)], axis=-1) @ made
+        np.stack([q.get(name, np.zeros(())) for name in drift_names(channel, steps)], axis=-1)
+        @ made
         for channel in channels
     ]
     return np.stack(by_axis, axis=-1)

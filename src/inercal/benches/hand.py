@@ -20,9 +20,12 @@ from math import pi, sqrt
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from inercal.benches.contract import MeanMotion, stacked
 from inercal.earth import EARTH_RATE, earth_rate_up_north
+from inercal.motion import Motion
 from inercal.parameters import Parameter
 from inercal.plan import HandStep, Hold, Turn
+from inercal.sensors import Sensor
 from inercal.units import Measured
 
 Array = NDArray[np.float64]
@@ -90,15 +93,19 @@ class Hand:
             Parameter("timebase", "1", self.timebase, "run", 0.0, "clock of the recording"),
         )
 
-    def nuisances(self, steps: Sequence[HandStep], *, rates: bool) -> dict[str, Parameter]:
+    def nuisances(self, steps: Sequence[HandStep], sensor: Sensor) -> dict[str, Parameter]:
         """Return the parameters that act on these steps, by full name such as "tilt1[x_p]".
 
         Parameters
         ----------
         steps : sequence of HandStep
-        rates : bool
-            Whether rates are observed; without gyros earth rate and the turns play no part.
+        sensor : Sensor
+            Without gyros the earth's rate and the clock play no part.
         """
+        return self.acting(steps, rates=any(axis.measures == "w" for axis in sensor.axes))
+
+    def acting(self, steps: Sequence[HandStep], *, rates: bool) -> dict[str, Parameter]:
+        """Return the same; `rates` says whether rates are observed."""
         found: dict[str, Parameter] = {}
         turns = any(isinstance(step, Turn) for step in steps)
         for parameter in self.parameters:
@@ -115,6 +122,29 @@ class Hand:
                 if isinstance(step, Turn) == (parameter.scope == "turn")
             }
         return found
+
+    def mean_motion(self, steps: Sequence[HandStep], q: Mapping[str, Array]) -> MeanMotion:
+        """Return the mean motion of each step; see `inercal.benches.contract.MeanBench`.
+
+        The mean specific force of a turn is `force_x[label]` … in q; where it is missing it is
+        gravity along the axis, which stands up.
+        """
+        stated = {name: np.array(p.value) for name, p in self.acting(steps, rates=True).items()}
+        rows = [_whole(step, stated | dict(q)) for step in steps]
+        whole = np.broadcast_arrays(*(row.f for row in rows), *(row.w for row in rows))
+        f, w = whole[: len(rows)], whole[len(rows) :]
+        shape = whole[0].shape
+        return MeanMotion(
+            Motion(np.stack(f, axis=-2), np.stack(w, axis=-2)),
+            stacked([row.df for row in rows], shape),
+            stacked([row.dw for row in rows], shape),
+        )
+
+    def reading_offsets(
+        self, steps: Sequence[HandStep], sensor: Sensor, q: Mapping[str, Array]
+    ) -> Array:
+        """Return zero: no error of a hand adds to readings."""
+        return np.zeros(())
 
 
 def across(up: ArrayLike) -> Array:
@@ -157,6 +187,25 @@ def felt(step: HandStep, duration: float, q: Mapping[str, Array]) -> Felt:
         `force_x[label]`, `force_y[label]`, `force_z[label]`.
     """
     return _hold(step, q) if isinstance(step, Hold) else _turn(step, duration, q)
+
+
+def _whole(step: HandStep, q: Mapping[str, Array]) -> Felt:
+    """Return what is felt in a step; a turn without a force of its own has gravity along it."""
+    names = [f"force_{a}[{step.label}]" for a in "xyz"]
+    if isinstance(step, Hold) or names[0] in q:
+        return felt(step, step.seconds, q)
+    n, dn = tilted(step.axis, _pair(q, "axis", step.label))
+    g = q["g"][..., None]
+    force = g * n
+    made = felt(step, step.seconds, {**q, **{k: force[..., i] for i, k in enumerate(names)}})
+    by_force: dict[str, Array] = {"g": n}
+    by_force |= {f"axis{k + 1}[{step.label}]": g * dn[..., k] for k in range(2)}
+    df = {name: by for name, by in made.df.items() if name not in names} | by_force
+    dw = {name: by for name, by in made.dw.items() if name not in names}
+    for name, by in by_force.items():
+        along = sum((by[..., [i]] * made.dw[k] for i, k in enumerate(names)), np.zeros(3))
+        dw[name] = dw.get(name, np.zeros(3)) + along
+    return Felt(made.f, made.w, df, dw)
 
 
 def _pair(q: Mapping[str, Array], name: str, label: str) -> Array:

@@ -31,11 +31,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches.arm import directions
+from inercal.benches.contract import MeanMotion
 from inercal.benches.forces import Felt
 from inercal.errors import InputError
 from inercal.frames import exp_so3, left_jacobian, skew
+from inercal.motion import Motion
 from inercal.parameters import Parameter
 from inercal.plan import Spin
+from inercal.sensors import Sensor
 from inercal.units import Measured
 
 Array = NDArray[np.float64]
@@ -112,9 +115,24 @@ class RateTable:
             ),
         )
 
-    def nuisances(self, steps: Sequence[Spin]) -> dict[str, Parameter]:
+    def nuisances(self, steps: Sequence[Spin], sensor: Sensor) -> dict[str, Parameter]:
         """Return the parameters that act on these steps, by full name such as "pose_x[XY30]"."""
+        return self.acting(steps)
+
+    def acting(self, steps: Sequence[Spin]) -> dict[str, Parameter]:
+        """Return the same: what acts does not depend on the sensor."""
         return {full: parameter for full, parameter, _ in _acting(self, steps)}
+
+    def mean_motion(self, steps: Sequence[Spin], q: Mapping[str, Array]) -> MeanMotion:
+        """Return the mean motion of each dwell; see `inercal.benches.contract.MeanBench`."""
+        made = felt(self, steps, q)
+        return MeanMotion(Motion(made.f), made.by)
+
+    def reading_offsets(
+        self, steps: Sequence[Spin], sensor: Sensor, q: Mapping[str, Array]
+    ) -> Array:
+        """Return zero: no error of a rate table adds to readings."""
+        return np.zeros(())
 
 
 def _acting(
@@ -184,7 +202,7 @@ def felt(bench: RateTable, steps: Sequence[Spin], q: Mapping[str, Array]) -> Fel
         A step of unknown attitude.
     """
     out, up = directions(steps)
-    declared = bench.nuisances(steps)
+    declared = bench.acting(steps)
     mounted = mountings(steps)
 
     def value(name: str) -> Array:
@@ -230,5 +248,5 @@ def felt(bench: RateTable, steps: Sequence[Spin], q: Mapping[str, Array]) -> Fel
 def by_parameter(bench: RateTable, steps: Sequence[Spin]) -> Array:
     """Return what one standard deviation of each uncertain parameter adds to f, (k, r, 3) m/s²."""
     made = felt(bench, steps, {})
-    rows = [q.sd * made.by[name] for name, q in bench.nuisances(steps).items() if q.sd > 0]
+    rows = [q.sd * made.by[name] for name, q in bench.acting(steps).items() if q.sd > 0]
     return np.stack(rows) if rows else np.zeros((0, len(steps), 3))

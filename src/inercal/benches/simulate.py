@@ -69,7 +69,7 @@ def perform(
     """
     drawn = {
         name: parameter.value + parameter.sd * rng.standard_normal(trials)
-        for name, parameter in bench.nuisances(steps, rates=True).items()
+        for name, parameter in bench.acting(steps, rates=True).items()
     }
     if carried:
         drawn |= _carried_earth([step for step in steps if isinstance(step, Hold)], drawn)

@@ -60,7 +60,7 @@ def perform_on_table(
     InputError
         A step of unknown attitude.
     """
-    declared = bench.nuisances(steps)
+    declared = bench.acting(steps)
     drawn = {n: q.value + q.sd * rng.standard_normal(trials) for n, q in declared.items()}
     room = bench.lean * rng.standard_normal((trials, 2))
     named = dict(zip((step.attitude for step in steps), mountings(steps), strict=True))

@@ -16,6 +16,7 @@ with t the IMU's time, τ the latency and χ the relative rate of the readback's
 The body's frame is that of the innermost axis: how the IMU is mounted in it is the sensor's own.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import isfinite, radians
@@ -24,6 +25,8 @@ from inercal.benches.table_moves import Limits
 from inercal.earth import earth_rate_up_north
 from inercal.errors import InputError
 from inercal.parameters import Parameter
+from inercal.plan import TableStep
+from inercal.sensors import Sensor
 from inercal.units import Measured
 
 _NAMES = {1: ("outer",), 2: ("outer", "inner"), 3: ("outer", "middle", "inner")}
@@ -117,9 +120,13 @@ class Turntable:
         """The limits of each axis, outermost first."""
         return self.limits if len(self.limits) > 1 else self.limits * len(self.axes)
 
-    @cached_property
+    @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The imperfections, as data; all are of the whole run."""
+        return self._parameters
+
+    @cached_property
+    def _parameters(self) -> tuple[Parameter, ...]:
         g, azimuth, latency = self.gravity, self.azimuth, self.latency
         return (
             Parameter(
@@ -170,6 +177,10 @@ class Turntable:
     def _by_name(self) -> dict[str, Parameter]:
         return {parameter.name: parameter for parameter in self.parameters}
 
-    def nuisances(self) -> dict[str, Parameter]:
-        """Return the parameters by name."""
+    def nuisances(self, steps: Sequence[TableStep], sensor: Sensor) -> dict[str, Parameter]:
+        """Return the parameters by name: all act on every step."""
+        return self.acting()
+
+    def acting(self) -> dict[str, Parameter]:
+        """Return the same."""
         return self._by_name.copy()

@@ -219,7 +219,7 @@ def _between(bench: Turntable) -> list[int]:
 
 
 def _value(bench: Turntable, q: Mapping[str, Array], name: str) -> Array:
-    return np.asarray(q[name] if name in q else bench.nuisances()[name].value, dtype=float)
+    return np.asarray(q[name] if name in q else bench.acting()[name].value, dtype=float)
 
 
 def _rotation(axis: int, angle: ArrayLike) -> Array:

@@ -159,7 +159,7 @@ def perform_on_turntable(
     way = travel(bench, steps)
     labels = way.labels_at(rate_hz)
     time: Array = np.arange(labels.size) / rate_hz
-    declared = bench.nuisances()
+    declared = bench.acting()
     drawn = {n: p.value + p.sd * rng.standard_normal(trials) for n, p in declared.items()}
     stamps = time if readback_hz is None else _stamps(time[-1], readback_hz)
     f, w, dw = (np.empty((trials, time.size, 3)) for _ in range(3))

@@ -18,9 +18,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches import Bench
-from inercal.budget import felt
+from inercal.benches import MeanBench
 from inercal.budget.imperfections import NOISE, Imperfection, of_bench, of_noise, of_prior
+from inercal.budget.possible import require_possible
 from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian
 from inercal.parameters import Parameter
@@ -40,7 +40,7 @@ class Experiment:
     ----------
     sensor : Sensor
         With the p coefficients that are estimated.
-    bench : Hand, Centrifuge, DividingHead or RateTable
+    bench : MeanBench
         As stated to the estimator; its errors are drawn with the deviations it states.
     steps : tuple of r Step
         The plan.
@@ -61,7 +61,7 @@ class Experiment:
     """
 
     sensor: Sensor
-    bench: Bench
+    bench: MeanBench
     steps: tuple[Step, ...]
     estimator: Estimator
     noise: Array
@@ -69,7 +69,7 @@ class Experiment:
     truth: Mapping[str, float] = field(default_factory=dict[str, float])
 
     def __post_init__(self) -> None:
-        felt.require_possible(self.bench, self.steps)
+        require_possible(self.bench, self.steps)
         shape = (len(self.steps), *[len(self.sensor.axes)] * 2)
         if self.noise.shape != shape:
             raise InputError(f"noise has shape {self.noise.shape}, expected {shape}")
@@ -88,7 +88,7 @@ class Experiment:
     @cached_property
     def declared(self) -> dict[str, Parameter]:
         """The bench's parameters by full name, those that are exact included."""
-        return felt.parameters(self.bench, self.steps, self.sensor)
+        return dict(self.bench.nuisances(self.steps, self.sensor))
 
     @cached_property
     def imperfections(self) -> tuple[Imperfection, ...]:
@@ -163,12 +163,12 @@ class Experiment:
             Those that the sensor truly has, with the values of `truth`.
         """
         sensor = replace(self.sensor, coefficients=coefficients)
-        made = felt.motion(self.bench, self.steps, q)
-        drift = felt.drift(self.bench, self.steps, sensor, q)
-        return sensor.forward(made, self._truth(coefficients)) + drift
+        made = self.bench.mean_motion(self.steps, q).motion
+        added = self.bench.reading_offsets(self.steps, sensor, q)
+        return sensor.forward(made, self._truth(coefficients)) + added
 
     def estimates(
-        self, readings: Array, priors: tuple[Gaussian, ...], bench: Bench | None = None
+        self, readings: Array, priors: tuple[Gaussian, ...], bench: MeanBench | None = None
     ) -> Array:
         """Return the coefficients estimated from readings (n, r, m), (n, p) SI.
 
@@ -177,7 +177,7 @@ class Experiment:
         readings : (n, r, m) array
         priors : tuple of Gaussian
             Means (n, k).
-        bench : Hand, Centrifuge, DividingHead or RateTable, optional
+        bench : MeanBench, optional
             As stated to the estimator, where it is not the one that made the readings.
         """
         if self._takes_trials:
@@ -240,7 +240,7 @@ class Experiment:
         )
 
     def _estimate(
-        self, readings: Array, priors: tuple[Gaussian, ...], bench: Bench | None = None
+        self, readings: Array, priors: tuple[Gaussian, ...], bench: MeanBench | None = None
     ) -> Estimate:
         seen = self.observed(readings)
         return self.estimator(seen, self.sensor, bench or self.bench, self.steps, priors)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from inercal.benches import Centrifuge
 from inercal.budget.experiment import Experiment
-from inercal.budget.felt import require_possible
+from inercal.budget.possible import require_possible
 from inercal.errors import InputError
 from inercal.pipeline.inputs import stated_sd
 from inercal.runfile import Run

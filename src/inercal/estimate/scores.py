@@ -15,8 +15,8 @@ parallel explain the residuals equally well: no data of this kind tell them apar
 Many candidates are tested at once. They share the level so that each, whatever its k, would be
 noticed with the same probability at η = 6 (Bonferroni, weighted): by equal parts nine directions
 would show far more rarely than one. More than six directions get no more than six: twelve would
-take seven times as much, from all others. Where the candidates span few dimensions, all are judged by the
-χ² of that space instead (Scheffé), if this is the less strict for a single direction.
+take seven times as much, from all others. Where the candidates span few dimensions, all are judged
+by the χ² of that space instead (Scheffé), if this is the less strict for a single direction.
 
 Sources: Rao 1948, Mathematical Proceedings of the Cambridge Philosophical Society 44, 50–57 (score
 test); Scheffé 1953, Biometrika 40, 87–104 (all contrasts of a space); Rosenthal and Rubin 1983,

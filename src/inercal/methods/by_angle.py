@@ -74,7 +74,7 @@ def problem(
     exact : bool
         Whether the bench is taken at its declared values, without nuisances.
     """
-    declared = {} if exact else bench.nuisances(steps, sensor.channels)
+    declared = {} if exact else bench.nuisances(steps, sensor)
 
     def built(sensor: Sensor, bench: DividingHead, declared: Mapping[str, Parameter]) -> Problem:
         return vectors.problem(
@@ -91,7 +91,7 @@ def problem(
     )
     suspects = {
         name: parameter
-        for name, parameter in wider.nuisances(steps, sensor.channels).items()
+        for name, parameter in wider.nuisances(steps, sensor).items()
         if name != "lean"  # of second order: its column is that of its own estimate
     }
     asked = built(sensor, bench, declared)
@@ -167,7 +167,7 @@ def by_bench(
     slope = sensor.slope(Motion(made.f), c)[..., :3]
     columns = [
         q.sd * (slope @ made.by[name][..., None]).ravel()
-        for name, q in bench.nuisances(steps).items()
+        for name, q in bench.acting(steps).items()
         if q.sd > 0 and (gravity or name != "g")
     ]
     size = len(sensor.channels) * len(steps)

@@ -69,7 +69,7 @@ def of_tilts(
         return None
     rows = np.array(loose)
     c, lead = estimate.value[..., :p], estimate.value.shape[:-1]
-    declared = bench.nuisances(done, rates=True)
+    declared = bench.acting(done, rates=True)
     q = {name: np.array(parameter.value) for name, parameter in declared.items()}
     q |= {name: estimate.value[..., k] for k, name in enumerate(estimate.names)}
     index = np.array([[estimate.names.index(name) for name in names[n]] for n in loose])

@@ -92,8 +92,8 @@ def problem(
     else:
         mean = mean - curvature.shift
         noise = observations.full_covariance + curvature.covariance
+    stated = bench.nuisances(done, sensor)
     rates = any(axis.measures == "w" for axis in sensor.axes)
-    stated = bench.nuisances(done, rates=rates)
     declared = candidates.freed(stated) if freed else stated
     loose = {name: p for name, p in declared.items() if p.sd > _EXACT}
     known = {name: np.array(p.value) for name, p in declared.items() if name not in loose}

@@ -65,7 +65,7 @@ def joint_problem(
         return vectors.Felt(Motion(nominal.f), nominal.by)
 
     # Rows of a table without times are taken in the order in which they were measured.
-    declared = bench.nuisances(steps)
+    declared = bench.acting(steps)
     return vectors.problem(
         observations, sensor, declared, motion, priors, timed=True, common=("lean",)
     )

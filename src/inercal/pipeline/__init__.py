@@ -24,7 +24,6 @@ from inercal.methods.multi_position.timing import delay
 from inercal.methods.ship_multi_angle.evolution import Generation, History
 from inercal.parameters import Parameter
 from inercal.pipeline import assumed, by_hand, on_arm, on_head, on_table, turntable
-from inercal.pipeline.bench_errors import stated
 from inercal.pipeline.inputs import (
     Gathered,
     columns,
@@ -85,7 +84,7 @@ class Outcome:
     @cached_property
     def expected(self) -> Mapping[str, Parameter]:
         """The bench's parameters that act on these steps, by full name, as they were stated."""
-        return stated(self.bench, self.steps, self.calibration.sensor)
+        return self.bench.nuisances(self.steps, self.calibration.sensor)
 
 
 def calibrate(
@@ -139,7 +138,7 @@ def calibrate(
             "leave no root; use another estimator"
         )
     p = len(sensor.coefficients)
-    expected = stated(bench, gathered.steps, sensor)
+    expected = bench.nuisances(gathered.steps, sensor)
     constants = assumed.assumed(bench, expected)
 
     def on(other: Bench) -> Estimate:

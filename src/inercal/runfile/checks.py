@@ -10,16 +10,14 @@ from inercal.methods import METHODS, Method
 from inercal.plan import Step, Turn
 from inercal.runfile.schema import ReadoutSection, RunSchema, Use
 
-KINDS = {
+KINDS: Mapping[type, str] = {
     Hand: "hand",
     Centrifuge: "centrifuge",
     DividingHead: "dividing_head",
     RateTable: "rate_table",
     Turntable: "turntable",
 }
-_NEEDED: Mapping[
-    type[Bench], Mapping[str, str]
-] = {  # columns in [data] that a bench does not do without
+_NEEDED: Mapping[type, Mapping[str, str]] = {  # columns in [data] that a bench does not do without
     Centrifuge: {"arm_rate": "the column of the arm's rate (and arm_rate_unit)"},
     DividingHead: {"angle": "the column of the head's angle (and angle_unit)"},
     RateTable: {
@@ -27,7 +25,7 @@ _NEEDED: Mapping[
         "mounting": 'the column of mountings, such as "XY" or "ZY 30"',
     },
 }
-_OWN: Mapping[str, tuple[type[Bench], ...]] = {  # keys of [data] that belong to some kinds of bench
+_OWN: Mapping[str, tuple[type, ...]] = {  # keys of [data] that belong to some kinds of bench
     "arm_rate": (Centrifuge, RateTable),
     "attitude": (Centrifuge,),
     "mounting": (RateTable,),

@@ -91,7 +91,7 @@ def draw(run: Run, seed: int) -> Drawn:
         raise InputError(f"{run.path}: [bench] kind: the simulated bench is a turntable's")
     rng = np.random.default_rng(seed)
     values = {
-        name: p.value + p.sd * float(rng.standard_normal()) for name, p in bench.nuisances().items()
+        name: p.value + p.sd * float(rng.standard_normal()) for name, p in bench.acting().items()
     }
     drawn = Drawn(bench, seed, values)
     try:

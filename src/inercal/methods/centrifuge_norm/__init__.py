@@ -200,7 +200,7 @@ def _closed(
     if mean.ndim != 2:
         raise InputError(f"estimator {name} works on one table at a time")
     singular = closed.require_possible(sensor, mean, name)
-    declared = bench.nuisances(steps, vectors=False)
+    declared = bench.acting(steps, vectors=False)
     made = felt_norm(bench, steps, {name: np.array(q.value) for name, q in declared.items()})
 
     def formulas(flat: Array) -> Array:

@@ -66,7 +66,7 @@ def by_norm(
     """
     require_gauge(sensor, priors)
     turning = sensor.uses("wi", "wp", "wo") and bench.platform == "locked"
-    declared = bench.nuisances(steps, vectors=turning)
+    declared = bench.acting(steps, vectors=turning)
     built = _of_norms(observations, sensor, bench, steps, declared, priors)
     larger = _larger(sensor, bench, steps)
 
@@ -128,7 +128,7 @@ def by_norm_exact(
 ) -> Problem:
     """Return the problem of norms with the bench taken as exact: the readings' noise alone."""
     exact = replace(bench, dwell_rate=0.0, dwell_tilt=0.0)
-    declared = exact.nuisances(steps, vectors=False)
+    declared = exact.acting(steps, vectors=False)
     known = {name: replace(parameter, sd=0.0) for name, parameter in declared.items()}
     return _of_norms(observations, sensor, exact, steps, known)
 
@@ -276,7 +276,7 @@ def by_vector(
     return vectors.problem(
         observations,
         sensor,
-        bench.nuisances(steps, vectors=True),
+        bench.acting(steps, vectors=True),
         feel,
         priors,
         dwells=dwells if own else None,

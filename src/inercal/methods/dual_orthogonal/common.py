@@ -48,7 +48,7 @@ def with_common_angle(
     beyond = np.arctan2(felt[..., 0], felt[..., 1]) - stated.nominal
     common = np.mean((beyond + np.pi) % (2 * np.pi) - np.pi, axis=-1)
 
-    declared = bench.nuisances(steps)
+    declared = bench.acting(steps)
     by_bench = sum(
         (declared[name].sd * weight.mean()) ** 2 for name, weight in stated.weights.items()
     )

@@ -167,7 +167,7 @@ def problem(
             for name, ramp in zip(drift_names(channel, steps), ramps(steps), strict=True):
                 column[name] = -seen.by_reading[:, k] * ramp
                 families.setdefault(f"drift of {channel}", []).append(name)
-        declared = bench.nuisances(steps, sensor.channels)
+        declared = bench.nuisances(steps, sensor)
         told = [name for prior in priors for name in prior.names]
         return [
             *candidates.of_columns(

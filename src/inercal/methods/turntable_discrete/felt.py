@@ -49,7 +49,7 @@ def declared(bench: Turntable) -> dict[str, Parameter]:
     """Return the bench's parameters by name, with its latitude, which is exact."""
     meaning = "latitude of the bench"
     latitude = Parameter("latitude", "rad", 0.0, "run", bench.latitude, meaning)
-    return bench.nuisances() | {"latitude": latitude}
+    return bench.acting() | {"latitude": latitude}
 
 
 def planned(bench: Turntable, steps: Sequence[TableStep]) -> list[Way]:

@@ -91,7 +91,7 @@ def force(spins: Sequence[Spin], latitude: float = 0.0) -> Array:
     latitude : float
         rad; the earth's rate along the spindle goes with its sine.
     """
-    declared = BENCH.nuisances(spins, vectors=True)
+    declared = BENCH.acting(spins, vectors=True)
     at = {name: np.array(parameter.value) for name, parameter in declared.items()}
     return felt_vector(BENCH, spins, at | {"latitude": np.array(latitude)}).f / G
 

@@ -129,7 +129,7 @@ def simulate(
     c = sizes * rng.standard_normal((trials, len(sizes)))
     q = {
         name: parameter.value + parameter.sd * rng.standard_normal(trials)
-        for name, parameter in drawn.nuisances(steps).items()
+        for name, parameter in drawn.acting(steps).items()
     }
     exact = SENSOR.forward(Motion(felt(drawn, steps, q).f), c)
     r = len(steps)

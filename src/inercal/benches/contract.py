@@ -1,0 +1,120 @@
+"""What every bench offers: its imperfections as data, and the mean motion that it makes.
+
+A bench is a frozen dataclass of what is stated of it, in SI. Methods, budgets, plans and reports
+know no more of it than stands here.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import Field, dataclass, field
+from typing import Any, ClassVar, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.motion import Motion
+from inercal.parameters import Parameter
+from inercal.sensors import Sensor
+from inercal.units import Measured
+
+Array = NDArray[np.float64]
+
+
+class Bench(Protocol):
+    """A bench as stated: a dataclass, so that `dataclasses.replace` states it otherwise."""
+
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
+
+    @property
+    def gravity(self) -> Measured:
+        """Local gravity, m/s²."""
+        ...
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The imperfections, as data."""
+        ...
+
+    def nuisances(self, steps: Sequence[Any], sensor: Sensor) -> Mapping[str, Parameter]:
+        """Return the parameters that act on these steps, by full name such as "pose_x[XY30]".
+
+        Those of scope "dwell" are noise to an estimation; those of `Parameter.attitude` act on no
+        norm of readings.
+
+        Parameters
+        ----------
+        steps : sequence of Step
+            Of the kinds that the bench carries out.
+        sensor : Sensor
+            Its axes say what is observed: without gyros what acts on rates alone is left out.
+        """
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class MeanMotion:
+    """The mean motion of each of r steps, with derivatives.
+
+    Parameters
+    ----------
+    motion : Motion
+        f, m/s², and ω, rad/s, in the sensor's frame, (..., r, 3); leading axes are trials.
+    df, dw : mapping of str to (..., r, 3) array
+        ∂f and ∂ω by the bench's errors, by full name; those missing are zero.
+    """
+
+    motion: Motion
+    df: Mapping[str, Array] = field(default_factory=dict[str, Array])
+    dw: Mapping[str, Array] = field(default_factory=dict[str, Array])
+
+
+@runtime_checkable
+class MeanBench(Bench, Protocol):
+    """A bench whose steps are each one mean reading: a hand, an arm, a head, a table at a rate."""
+
+    def mean_motion(self, steps: Sequence[Any], q: Mapping[str, Array]) -> MeanMotion:
+        """Return the mean motion of each of r steps.
+
+        Parameters
+        ----------
+        steps : sequence of r Step
+        q : mapping of str to (...) array
+            Errors by full name, SI; those missing are as stated.
+
+        Raises
+        ------
+        InputError
+            A step whose attitude is not known.
+        """
+        ...
+
+    def reading_offsets(
+        self, steps: Sequence[Any], sensor: Sensor, q: Mapping[str, Array]
+    ) -> Array:
+        """Return what errors add to the readings themselves, (..., r, m) SI, or a zero, ().
+
+        Parameters
+        ----------
+        steps, q
+            As of `mean_motion`.
+        sensor : Sensor
+            Of m axes.
+        """
+        ...
+
+
+def stacked(rows: Sequence[Mapping[str, Array]], shape: tuple[int, ...]) -> dict[str, Array]:
+    """Return derivatives of all r steps, (..., r, 3), from those of each, by full name.
+
+    Parameters
+    ----------
+    rows : sequence of r mappings of str to (..., 3) array
+        A name that a row lacks is zero there.
+    shape : tuple of int
+        (..., 3), of one row.
+    """
+    names = dict.fromkeys(name for row in rows for name in row)
+    nothing = np.zeros(shape)
+    return {
+        name: np.stack([np.broadcast_to(row.get(name, nothing), shape) for row in rows], axis=-2)
+        for name in names
+    }
