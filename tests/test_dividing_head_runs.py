@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 from tests.accuracy.dividing_head import ARCSEC, SIZES, Bench, draw, readings
 
-from inercal.benches.dividing_head import mounted
+from inercal.benches.dividing_head.bench import mounted
 from inercal.calibration import Calibration
 from inercal.calibration.files import save
 from inercal.errors import InercalError, InputError, NotObserved

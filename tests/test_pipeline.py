@@ -8,7 +8,7 @@ import pytest
 from tests.runfile.texts import FERRARIS, SIX_POSITIONS, run_file
 
 from inercal.benches import Hand
-from inercal.benches.simulate import perform
+from inercal.benches.hand.simulation import perform
 from inercal.errors import InputError, NotObserved
 from inercal.io.write import write_recording
 from inercal.pipeline import Outcome, apply, calibrate, named_as_in, simulate

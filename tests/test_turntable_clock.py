@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.accuracy import turntable as tt
 
-from inercal.benches.turntable import Turntable
+from inercal.benches.turntable.bench import Turntable
 from inercal.errors import InputError
 from inercal.pipeline.turntable.clock import aligned
 from inercal.pipeline.turntable.slips import slipped, slips

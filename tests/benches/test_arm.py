@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from inercal.benches import Centrifuge
-from inercal.benches.arm import felt_norm, felt_vector
-from inercal.benches.centrifuge import positions
+from inercal.benches.centrifuge.arm import felt_norm, felt_vector
+from inercal.benches.centrifuge.bench import positions
 from inercal.earth import EARTH_RATE
 from inercal.errors import InputError
 from inercal.plan import Spin, on_arm

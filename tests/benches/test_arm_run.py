@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from inercal.benches import Centrifuge
-from inercal.benches.arm_run import perform_on_arm
+from inercal.benches.centrifuge.simulation import perform_on_arm
 from inercal.methods.centrifuge_norm.plans import plan
 from inercal.units import Measured
 
@@ -17,7 +17,8 @@ FS = 100.0
 
 
 def test_each_dwell_has_its_rate_its_norm_and_its_angles():
-    done, said = perform_on_arm(EXACT, STEPS, FS, np.random.default_rng(1))
+    done = perform_on_arm(EXACT, STEPS, FS, np.random.default_rng(1))
+    said = done.readback
     earth = 7.292115e-5 * np.sin(0.7)
     for step in STEPS:
         at = np.flatnonzero(
@@ -37,7 +38,8 @@ def test_each_dwell_has_its_rate_its_norm_and_its_angles():
 
 def test_a_clockwise_arm_turns_the_sensor_the_other_way():
     clockwise = replace(EXACT, sense=-1)
-    done, said = perform_on_arm(clockwise, STEPS[:1], FS, np.random.default_rng(1))
+    done = perform_on_arm(clockwise, STEPS[:1], FS, np.random.default_rng(1))
+    said = done.readback
     at = np.argmax(said["arm_rate"] == STEPS[0].rate) + 5
     assert STEPS[0].attitude is not None
     assert done.motion.w[0, at] @ np.array(STEPS[0].attitude.up) < 0
@@ -46,7 +48,8 @@ def test_a_clockwise_arm_turns_the_sensor_the_other_way():
 def test_a_platform_that_turns_back_sees_the_arm_go_round():
     still = replace(EXACT, platform="counter-rotating", latitude=Measured(pi / 2, 0.0))
     step = replace(STEPS[0], rate=2 * pi, seconds=4.0)
-    done, said = perform_on_arm(still, [step], FS, np.random.default_rng(1))
+    done = perform_on_arm(still, [step], FS, np.random.default_rng(1))
+    said = done.readback
     assert np.all(done.motion.w == 0)
     at = np.flatnonzero(said["arm_rate"] == step.rate)[10:]
     f = done.motion.f[0, at[:100]]
@@ -59,7 +62,8 @@ def test_a_platform_that_turns_back_sees_the_arm_go_round():
 def test_a_lean_swings_once_a_turn():
     leaning = replace(EXACT, lean=1e-3)
     step = replace(STEPS[0], rate=2 * pi, seconds=4.0)
-    done, said = perform_on_arm(leaning, [step], FS, np.random.default_rng(3))
+    done = perform_on_arm(leaning, [step], FS, np.random.default_rng(3))
+    said = done.readback
     at = np.flatnonzero(said["arm_rate"] == step.rate)[10:110]
     f = done.motion.f[0, at]
     lean = np.hypot(done.drawn["lean1"][0], done.drawn["lean2"][0])

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from inercal.benches.dividing_head import DividingHead, felt, mounted, positions
-from inercal.benches.passes import lacking, passes, ramps
+from inercal.benches.dividing_head.bench import DividingHead, felt, mounted, positions
+from inercal.benches.dividing_head.passes import lacking, passes, ramps
 from inercal.errors import InputError
 from inercal.units import Measured
 
@@ -42,7 +42,7 @@ def test_slopes_are_those_of_the_force(collimated: str):
     )
     steps = positions(8, reverse=True)
     rng = np.random.default_rng(2)
-    declared = bench.nuisances(steps)
+    declared = bench.acting(steps)
     q = {n: np.array(p.value + 0.01 * rng.standard_normal()) for n, p in declared.items()}
     made = felt(bench, steps, q)
     assert set(made.by) == set(declared)
@@ -59,11 +59,11 @@ def test_a_pair_shares_the_head_and_differs_by_the_trim():
     assert np.flatnonzero(turned["trim[f07]"]).tolist() == [6]
     assert "division[f07]" not in made.by
     assert turned["cos1"][6] == pytest.approx(1)
-    assert BENCH.nuisances(positions(12))["trim[f10]"].sd == pytest.approx(np.sqrt(2) * 5e-7)
+    assert BENCH.acting(positions(12))["trim[f10]"].sd == pytest.approx(np.sqrt(2) * 5e-7)
 
 
 def test_a_graduation_errs_alike_in_both_passes_and_each_pass_has_its_trim():
-    declared = BENCH.nuisances(positions(12, reverse=True))
+    declared = BENCH.acting(positions(12, reverse=True))
     assert sum(name.startswith("division") for name in declared) == 10
     assert [n for n in declared if n.startswith("trim")] == [
         "trim[f07]",
@@ -166,7 +166,7 @@ def test_drifts_go_on_from_pass_to_pass_about_the_mean():
     assert passes([*positions(3), *positions(3), *positions(3, reverse=True)]) == (
         [0] * 3 + [1] * 3 + [2] * 3 + [3] * 3
     )
-    declared = replace(BENCH, drift=1e-5).nuisances(positions(4, reverse=True), ("a", "b"))
+    declared = replace(BENCH, drift=1e-5).acting(positions(4, reverse=True), ("a", "b"))
     assert [name for name in declared if name.startswith("drift")] == [
         "drift_a[pass 1]",
         "drift_a[pass 2]",
@@ -212,7 +212,7 @@ def test_words_and_refusals():
 
 def test_a_simulation_draws_gravity_by_what_was_stated_and_an_estimator_adds_the_lean():
     steps = positions(12)
-    drawn, estimated = BENCH.simulated(steps)["g"], BENCH.nuisances(steps)["g"]
+    drawn, estimated = BENCH.simulated(steps)["g"], BENCH.acting(steps)["g"]
     assert drawn.sd == BENCH.gravity.sd
     # The lean, normal with sd s, lowers the force by g λ²/2: mean square 3/4 (g s²)².
     lowered = 9.8 * (1 - np.cos(1e-4 * np.random.default_rng(1).standard_normal(100_000)))

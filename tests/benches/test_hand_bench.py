@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from inercal.benches import Hand
-from inercal.benches.hand import DEGREE, Felt, across, felt, tilted
+from inercal.benches.hand.bench import DEGREE, Felt, across, felt, tilted
 from inercal.earth import EARTH_RATE
 from inercal.plan import AXES, HandStep, Hold, Turn, Vector, ferraris
 from inercal.units import Measured
@@ -30,7 +30,7 @@ def nuisances(step: HandStep) -> dict[str, float]:
     rng = np.random.default_rng(8)
     q = {
         name: p.value + (0.2 if p.unit == "rad" else 3.0 * p.sd) * rng.uniform(0.5, 1)
-        for name, p in BENCH.nuisances([step], rates=True).items()
+        for name, p in BENCH.acting([step], rates=True).items()
     }
     q["earth_up"] = 0.3  # as large as the turn, in place of its true 7e-5 rad/s
     if isinstance(step, Turn):
@@ -121,7 +121,7 @@ def test_latitude_decides_what_of_the_earths_rate_is_known():
 
 def test_nuisances_are_one_a_run_one_a_position_and_one_a_turn():
     bench = Hand(Measured(9.81, 1e-3), latitude=0.8, tilt=0.1 * DEGREE, turn_angle=2 * DEGREE)
-    found = bench.nuisances(ferraris(), rates=True)
+    found = bench.acting(ferraris(), rates=True)
     assert len(found) == 3 + 6 * 4 + 3 * 3
     assert "tilt1[x_p]" in found
     assert "tilt1[x_rot]" not in found
@@ -132,5 +132,5 @@ def test_nuisances_are_one_a_run_one_a_position_and_one_a_turn():
 
 def test_without_gyros_neither_the_earth_nor_the_clock_plays_a_part():
     bench = Hand(Measured(9.81, 1e-3), latitude=0.8)
-    names = set(bench.nuisances(ferraris()[:6], rates=False))
+    names = set(bench.acting(ferraris()[:6], rates=False))
     assert names == {"g"} | {f"tilt{k}[{a}_{s}]" for k in (1, 2) for a in "xyz" for s in "pa"}

@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 
 from inercal import frames
 from inercal.benches import Hand
-from inercal.benches.hand import DEGREE, felt
-from inercal.benches.simulate import Performance, perform
+from inercal.benches.contract import SimulatedMotion
+from inercal.benches.hand.bench import DEGREE, felt
+from inercal.benches.hand.simulation import perform
 from inercal.plan import HandStep, Hold, Turn, ferraris, six_positions
 from inercal.units import Measured
 
@@ -26,11 +27,11 @@ def performed(
     trials: int = 4,
     seed: int = 1,
     steps: tuple[HandStep, ...] = STEPS,
-) -> Performance:
+) -> SimulatedMotion:
     return perform(bench, steps, rate_hz, np.random.default_rng(seed), trials)
 
 
-def section(done: Performance, label: str) -> slice:
+def section(done: SimulatedMotion, label: str) -> slice:
     inside = np.flatnonzero(done.labels == label)
     assert (np.diff(inside) == 1).all()
     return slice(int(inside[0]), int(inside[-1]) + 1)
@@ -115,7 +116,7 @@ def test_a_move_between_neighbouring_attitudes_follows_its_rates():
 def test_drawn_errors_have_the_declared_means_and_deviations():
     trials = 4000
     done = performed(rate_hz=10.0, trials=trials, steps=ferraris(seconds=0.5, turn_seconds=1.0))
-    declared = HAND.nuisances(ferraris(), rates=True)
+    declared = HAND.acting(ferraris(), rates=True)
     assert set(done.drawn) == set(declared)
     for name, parameter in declared.items():
         drawn = done.drawn[name]

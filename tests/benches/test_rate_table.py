@@ -8,8 +8,15 @@ import numpy as np
 import pytest
 from tests.accuracy import rate_table as made
 
-from inercal.benches.mountings import PLANES, RPM, mounting, multi_angle_plan, planar_plan, tilted
-from inercal.benches.rate_table import RateTable, by_parameter, felt, mountings, speeds
+from inercal.benches.rate_table.bench import RateTable, by_parameter, felt, mountings, speeds
+from inercal.benches.rate_table.fixture import (
+    PLANES,
+    RPM,
+    mounting,
+    multi_angle_plan,
+    planar_plan,
+    tilted,
+)
 from inercal.errors import InputError
 from inercal.plan import Spin
 from inercal.units import Measured
@@ -90,7 +97,7 @@ def test_plans_have_nine_and_sixteen_states():
 def test_slopes_are_those_of_the_force():
     steps = [*planar_plan(), *multi_angle_plan()]
     rng = np.random.default_rng(2)
-    declared = BENCH.nuisances(steps)
+    declared = BENCH.acting(steps)
     q = {n: np.array(p.value + 0.01 * rng.standard_normal()) for n, p in declared.items()}
     made = felt(BENCH, steps, q)
     assert set(made.by) == set(declared)
@@ -113,7 +120,7 @@ def test_mountings_and_speeds_share_what_is_theirs():
     assert "speed[0 rpm]" not in acts
     assert acts["lean_1[XY_0]"] == acts["lean_2[XY_0]"] == {"XY_0"}
     assert len(acts["g"]) == 25
-    assert len(BENCH.nuisances(steps)) == 3 + 13 * 4 + 2 + 3 * 2
+    assert len(BENCH.acting(steps)) == 3 + 13 * 4 + 2 + 3 * 2
     assert by_parameter(BENCH, steps).shape == (63, 25, 3)
 
 
@@ -122,13 +129,13 @@ def test_tilts_that_differ_a_little_are_two_mountings():
     poses = [mounting("XY", radians(first), radians(second)) for first, second in tilts]
     steps = [Spin(str(k), 86 * RPM, 1.0, pose) for k, pose in enumerate(poses)]
     assert mountings(steps) == ["XY135.01+45", "XY135.04+45", "XY135.04+45.001"]
-    assert sum(name.startswith("pose_x") for name in BENCH.nuisances(steps)) == 3
+    assert sum(name.startswith("pose_x") for name in BENCH.acting(steps)) == 3
 
 
 def test_rates_read_back_a_little_otherwise_are_one_set_speed():
     steps = planar_plan()
     read = [replace(step, rate=step.rate * (1 + 1e-4 * k)) for k, step in enumerate(steps)]
-    assert len(BENCH.nuisances(read)) == len(BENCH.nuisances(steps))
+    assert len(BENCH.acting(read)) == len(BENCH.acting(steps))
     assert speeds([Spin("a", 1.0), Spin("b", -1.0), Spin("c", 1.01), Spin("d", 1.001)]) == [
         "9.549 rpm",
         "-9.549 rpm",
@@ -139,7 +146,7 @@ def test_rates_read_back_a_little_otherwise_are_one_set_speed():
 
 def test_a_table_at_rest_knows_neither_radius_nor_rate():
     steps = planar_plan(speeds=(0.0,))
-    assert set(BENCH.nuisances(steps)) == {
+    assert set(BENCH.acting(steps)) == {
         "g",
         *(f"pose_{axis}[{plane}]" for axis in "xyz" for plane in PLANES),
         *(f"lean_{k}[{plane}_0]" for k in (1, 2) for plane in PLANES),

@@ -5,7 +5,7 @@ from math import radians
 import numpy as np
 import pytest
 
-from inercal.benches.table_moves import Limits, follow, move
+from inercal.benches.turntable.moves import Limits, follow, move
 from inercal.errors import InputError
 
 TRAPEZOID = Limits(0.5, 0.4)

@@ -6,9 +6,9 @@ from math import pi
 import numpy as np
 import pytest
 
-from inercal.benches.mountings import RPM, by_mounting, multi_angle_plan, planar_plan
-from inercal.benches.rate_table import RateTable, felt
-from inercal.benches.table_run import SPIN_UP, perform_on_table, seconds_on_table
+from inercal.benches.rate_table.bench import RateTable, felt
+from inercal.benches.rate_table.fixture import RPM, by_mounting, multi_angle_plan, planar_plan
+from inercal.benches.rate_table.simulation import SPIN_UP, perform_on_table, seconds_on_table
 from inercal.methods.ship_multi_angle import plan
 from inercal.units import Measured
 
@@ -27,7 +27,8 @@ def test_steps_are_done_mounting_by_mounting_and_in_each_by_speed():
 
 
 def test_each_state_feels_what_the_bench_says_whatever_it_errs_by():
-    done, said = perform_on_table(LEVEL, STEPS, FS, np.random.default_rng(1), 3)
+    done = perform_on_table(LEVEL, STEPS, FS, np.random.default_rng(1), 3)
+    said = done.readback
     expected = felt(LEVEL, STEPS, done.drawn).f
     for k, step in enumerate(STEPS):
         assert step.attitude is not None
@@ -39,14 +40,16 @@ def test_each_state_feels_what_the_bench_says_whatever_it_errs_by():
 
 
 def test_the_body_turns_about_what_is_up_at_the_rate_that_is_told():
-    done, said = perform_on_table(EXACT, planar_plan(seconds=2.0), FS, np.random.default_rng(1))
+    done = perform_on_table(EXACT, planar_plan(seconds=2.0), FS, np.random.default_rng(1))
+    said = done.readback
     expected = np.zeros((done.time.size, 3))
     expected[:, 2] = said["arm_rate"]
     assert done.motion.w[0][done.labels != "ZY"] == pytest.approx(expected[done.labels != "ZY"])
 
 
 def test_the_acceleration_of_the_table_is_felt_and_limited():
-    done, said = perform_on_table(EXACT, planar_plan(seconds=2.0)[:3], FS, np.random.default_rng(1))
+    done = perform_on_table(EXACT, planar_plan(seconds=2.0)[:3], FS, np.random.default_rng(1))
+    said = done.readback
     slope = np.gradient(said["arm_rate"], 1 / FS)
     assert SPIN_UP * 0.95 < np.abs(slope).max() <= SPIN_UP * 1.001
     # x to the centre, z up: y = z × x is ahead where the table turns backwards.
@@ -57,7 +60,8 @@ def test_the_acceleration_of_the_table_is_felt_and_limited():
 
 
 def test_a_lean_is_one_in_the_room_and_swings_once_a_turn():
-    done, said = perform_on_table(LEANING, STEPS, FS, np.random.default_rng(3), 2)
+    done = perform_on_table(LEANING, STEPS, FS, np.random.default_rng(3), 2)
+    said = done.readback
     expected = felt(LEANING, STEPS, done.drawn).f
     sizes: list[np.ndarray] = []
     for k, step in enumerate(STEPS):
@@ -83,7 +87,7 @@ def test_a_lean_is_one_in_the_room_and_swings_once_a_turn():
 def test_leans_of_rests_are_as_the_bench_declares_them():
     steps = planar_plan(speeds=(0.0,), seconds=1.0)
     n = 20_000
-    done, _ = perform_on_table(LEANING, steps, 1.0, np.random.default_rng(5), n)
+    done = perform_on_table(LEANING, steps, 1.0, np.random.default_rng(5), n)
     names = [name for name in done.drawn if name.startswith("lean")]
     assert set(names) == {f"lean_{k}[{step.label}]" for k in (1, 2) for step in steps}
     found = np.cov([done.drawn[name] / 2e-3 for name in names])
@@ -92,6 +96,7 @@ def test_leans_of_rests_are_as_the_bench_declares_them():
 
 def test_it_lasts_as_long_as_is_said():
     for steps in (STEPS, multi_angle_plan(seconds=1.0), planar_plan((0.0, 20 * RPM), 3.0)):
-        done, said = perform_on_table(EXACT, steps, FS, np.random.default_rng(1))
+        done = perform_on_table(EXACT, steps, FS, np.random.default_rng(1))
+        said = done.readback
         assert done.time.size == said["arm_rate"].size == done.labels.size
         assert done.time[-1] == pytest.approx(seconds_on_table(steps), abs=0.5)

@@ -9,14 +9,14 @@ import pytest
 from tests.accuracy import turntable as made
 
 from inercal.benches import Turntable
-from inercal.benches.table_moves import Limits
-from inercal.benches.turntable_attitude import (
+from inercal.benches.turntable.attitude import (
     attitude,
     misalignment,
     motion,
     readback,
     reference,
 )
+from inercal.benches.turntable.moves import Limits
 from inercal.earth import EARTH_RATE
 from inercal.errors import InputError
 from inercal.frames import log_so3
@@ -89,7 +89,7 @@ def test_misalignments_are_the_slopes_of_the_attitude(axes: str):
     bench = replace(BENCH, axes=axes)
     true = np.random.default_rng(2).uniform(-9, 9, (40, len(axes)))
     by = misalignment(bench, true)
-    declared = bench.nuisances()
+    declared = bench.acting()
     assert len(by.parameters) == 3 + len(axes) - 1 + 4 * len(axes)
     h = 1e-5
     for j, parameter in enumerate(by.parameters):
@@ -104,7 +104,7 @@ def test_misalignments_are_the_slopes_of_the_attitude(axes: str):
 
 def test_misalignments_add_to_what_is_off():
     rng = np.random.default_rng(3)
-    declared = BENCH.nuisances()
+    declared = BENCH.acting()
     q = {n: p.value + p.sd * rng.standard_normal(TRIALS) for n, p in declared.items()}
     true = rng.uniform(-9, 9, (30, 3))
     said = readback(BENCH, true, q)
@@ -162,12 +162,12 @@ def test_the_lever_arm_of_the_generator_is_felt_but_for_coriolis():
 
 
 def test_parameters_are_named_and_shared_by_the_run():
-    names = list(BENCH.nuisances())
+    names = list(BENCH.acting())
     assert names[:6] == ["g", "lean_x", "lean_y", "azimuth", "square_1", "square_2"]
     assert names[6:10] == ["sin1[outer]", "cos1[outer]", "sin2[outer]", "cos2[outer]"]
     assert names[-5:] == ["latency", "clock", "lever_x", "lever_y", "lever_z"]
     assert {p.scope for p in BENCH.parameters} == {"run"}
-    assert "square_1" not in replace(BENCH, axes="z").nuisances()
+    assert "square_1" not in replace(BENCH, axes="z").acting()
     assert replace(BENCH, axes="xz").names == ("outer", "inner")
 
 

@@ -8,10 +8,10 @@ import pytest
 from tests.accuracy import turntable as made
 
 from inercal.benches import Turntable
-from inercal.benches.path_file import read_path
-from inercal.benches.turntable_attitude import reference
-from inercal.benches.turntable_paths import PATHS, discrete, fast, paper
-from inercal.benches.turntable_run import seconds_on_turntable, travel
+from inercal.benches.turntable.attitude import reference
+from inercal.benches.turntable.path_file import read_path
+from inercal.benches.turntable.paths import PATHS, discrete, fast, paper
+from inercal.benches.turntable.simulation import seconds_on_turntable, travel
 from inercal.errors import InputError
 from inercal.plan import Position, Rotation
 from inercal.units import Measured

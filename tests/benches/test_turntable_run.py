@@ -9,9 +9,9 @@ import pytest
 from tests.accuracy import turntable as made
 
 from inercal.benches import Turntable
-from inercal.benches.table_moves import Limits
-from inercal.benches.turntable_attitude import attitude
-from inercal.benches.turntable_run import perform_on_turntable, seconds_on_turntable, travel
+from inercal.benches.turntable.attitude import attitude
+from inercal.benches.turntable.moves import Limits
+from inercal.benches.turntable.simulation import perform_on_turntable, seconds_on_turntable, travel
 from inercal.errors import InputError
 from inercal.plan import Position, Rotation, TableStep
 from inercal.units import Measured
@@ -64,7 +64,7 @@ def test_the_way_is_that_of_the_generator():
 
 
 def test_labels_are_of_steps_and_moves_have_none():
-    done, _ = perform_on_turntable(EXACT, STEPS, FS, np.random.default_rng(1))
+    done = perform_on_turntable(EXACT, STEPS, FS, np.random.default_rng(1))
     assert set(done.labels) == {"", "home", "up", "twice", "inner"}
     count = {label: np.sum(done.labels == label) / FS for label in set(done.labels)}
     assert count["home"] == 5
@@ -80,7 +80,8 @@ def test_labels_are_of_steps_and_moves_have_none():
 
 
 def test_readback_counts_on_and_is_late():
-    done, said = perform_on_turntable(EXACT, STEPS, FS, np.random.default_rng(1))
+    done = perform_on_turntable(EXACT, STEPS, FS, np.random.default_rng(1))
+    said = done.readback
     assert list(said) == ["outer", "middle", "inner"]
     assert said["outer"][0, -1] == pytest.approx(4 * pi)
     turning = np.flatnonzero(done.labels == "twice")[200:-200]
@@ -91,7 +92,8 @@ def test_readback_counts_on_and_is_late():
 
 def test_a_clock_that_runs_fast_reads_ever_earlier():
     bench = replace(EXACT, latency=Measured(0.0, 0.0), clock=1e-3)
-    done, said = perform_on_turntable(bench, STEPS, FS, np.random.default_rng(4), trials=2)
+    done = perform_on_turntable(bench, STEPS, FS, np.random.default_rng(4), trials=2)
+    said = done.readback
     turning = np.flatnonzero(done.labels == "twice")[200:-200]
     true = travel(bench, STEPS).at(done.time)[0][turning, 0]
     for k in range(2):
@@ -101,7 +103,8 @@ def test_a_clock_that_runs_fast_reads_ever_earlier():
 
 def test_readback_at_its_own_rate_is_brought_to_the_samples():
     bench = replace(EXACT, latency=Measured(0.0, 0.0))
-    done, said = perform_on_turntable(bench, STEPS, FS, np.random.default_rng(1), 1, 25.0)
+    done = perform_on_turntable(bench, STEPS, FS, np.random.default_rng(1), 1, 25.0)
+    said = done.readback
     true = travel(bench, STEPS).at(done.time)[0]
     assert said["outer"][0, ::4] == pytest.approx(true[::4, 0], abs=1e-12)
     # Between readings the way is bent by acceleration alone: a dt²/8.
@@ -111,7 +114,8 @@ def test_readback_at_its_own_rate_is_brought_to_the_samples():
 
 def test_readback_has_harmonics_and_noise():
     bench = replace(EXACT, harmonics=(0.0, 2 * ARCSEC), white=0.5 * ARCSEC)
-    done, said = perform_on_turntable(bench, STEPS, FS, np.random.default_rng(2), trials=2)
+    done = perform_on_turntable(bench, STEPS, FS, np.random.default_rng(2), trials=2)
+    said = done.readback
     late = travel(bench, STEPS).at(done.time - 2e-3)[0][:, 0]
     for k in range(2):
         sine, cosine = (done.drawn[f"{wave}2[outer]"][k] for wave in ("sin", "cos"))
@@ -123,7 +127,7 @@ def test_readback_has_harmonics_and_noise():
 
 def test_trials_have_tables_of_their_own():
     bench = replace(EXACT, lean=radians(0.1), square=radians(0.1), azimuth=Measured(1.0, 0.1))
-    done, _ = perform_on_turntable(bench, STEPS, FS, np.random.default_rng(3), trials=3)
+    done = perform_on_turntable(bench, STEPS, FS, np.random.default_rng(3), trials=3)
     angles = travel(bench, STEPS).at(done.time[:1])[0]
     up = attitude(bench, angles, done.drawn)[:, 0, 2]
     assert done.motion.f[:, 0] == pytest.approx(9.81 * up)

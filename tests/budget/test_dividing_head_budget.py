@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tests.accuracy.dividing_head import ARCSEC
 
-from inercal.benches.dividing_head import Collimated, DividingHead, mounted, positions
+from inercal.benches.dividing_head.bench import Collimated, DividingHead, mounted, positions
 from inercal.budget import Experiment, budget
 from inercal.estimate import Gaussian
 from inercal.methods.dual_orthogonal import joint, patent

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.turntable import Turntable
-from inercal.benches.turntable_attitude import motion, readback
-from inercal.benches.turntable_run import Travel, travel
+from inercal.benches.turntable.attitude import motion, readback
+from inercal.benches.turntable.bench import Turntable
+from inercal.benches.turntable.simulation import Travel, travel
 from inercal.host.drivers.table import AxisState, TableState
 from inercal.host.log import EVENT, IMU, TABLE, Frame, Log
 from inercal.host.packets import encode, read_layout

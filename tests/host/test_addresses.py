@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from inercal.benches import Turntable
-from inercal.benches.table_moves import Limits
+from inercal.benches.turntable.moves import Limits
 from inercal.errors import InputError
 from inercal.host.addresses import (
     layout_of_address,

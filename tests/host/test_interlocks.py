@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from inercal.benches import Turntable
-from inercal.benches.table_moves import Limits
-from inercal.benches.turntable_attitude import motion
+from inercal.benches.turntable.attitude import motion
+from inercal.benches.turntable.moves import Limits
 from inercal.errors import InputError
 from inercal.host.drivers.table import AxisLimits, AxisState, TableState
 from inercal.host.interlocks import Interlocks

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation as Turn
 from tests.host.bench_log import LAYOUT, PATH, Bench, Faults, run_file
 
 from inercal.benches import Turntable
-from inercal.benches.turntable_attitude import reference
+from inercal.benches.turntable.attitude import reference
 from inercal.host.assembly import Assembly
 from inercal.host.navigation import Navigation, Navigator
 from inercal.methods.turntable.model import earth

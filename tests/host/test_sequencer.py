@@ -7,7 +7,7 @@ from math import pi, radians
 import pytest
 
 from inercal.benches import Turntable
-from inercal.benches.table_moves import Limits
+from inercal.benches.turntable.moves import Limits
 from inercal.host.drivers.table import AxisState, TableFault, TableState
 from inercal.host.sequencer import Enable, Go, Home, Section, Sequencer, Stop
 from inercal.host.tasks import Task, tasks

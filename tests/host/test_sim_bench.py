@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from inercal.benches import Turntable
-from inercal.benches.turntable_attitude import readback
+from inercal.benches.turntable.attitude import readback
 from inercal.errors import InputError
 from inercal.host.clock import SimulatedClock, Tick
 from inercal.host.drivers.pmac import Pmac, PmacAxis

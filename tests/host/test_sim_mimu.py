@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from inercal.benches import Turntable
-from inercal.benches.turntable_attitude import motion
+from inercal.benches.turntable.attitude import motion
 from inercal.errors import InputError
 from inercal.host.link import LinkLost, SerialLink, TcpLink, open_link
 from inercal.host.packets import PRESETS, Decoder, encode, read_layout

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from tests.accuracy import dividing_head as made
 from tests.accuracy.dividing_head import ARCSEC, TERMS, Bench, draw
 
-from inercal.benches.dividing_head import DividingHead, felt, mounted, positions
+from inercal.benches.dividing_head.bench import DividingHead, felt, mounted, positions
 from inercal.estimate import Estimate, Gaussian
 from inercal.methods.dual_orthogonal import dual, joint, patent, single
 from inercal.plan import Index

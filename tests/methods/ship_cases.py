@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from tests.accuracy import rate_table as made
 from tests.accuracy.rate_table import PLANAR, RADIUS, TILTED, Bench, Draw, draw, fresh
 
-from inercal.benches.mountings import Reading, multi_angle_plan, planar_plan
-from inercal.benches.rate_table import RateTable
+from inercal.benches.rate_table.bench import RateTable
+from inercal.benches.rate_table.fixture import Reading, multi_angle_plan, planar_plan
 from inercal.estimate import Estimate
 from inercal.methods.affine import to_affine
 from inercal.methods.ship_multi_angle import damped, joint, planar, planar_norm

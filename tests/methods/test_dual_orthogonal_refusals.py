@@ -7,7 +7,7 @@ import pytest
 from tests.accuracy.dividing_head import LARGE, Bench
 from tests.methods.dual_orthogonal_cases import SENSOR, case, known, nominal, observed
 
-from inercal.benches.dividing_head import DividingHead, mounted
+from inercal.benches.dividing_head.bench import DividingHead, mounted
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gaussian
 from inercal.methods.dual_orthogonal import dual, joint, patent

@@ -13,20 +13,15 @@ from inercal.benches import (
     Hand,
     RateTable,
     Turntable,
-    dividing_head,
-    rate_table,
 )
-from inercal.benches.arm import felt_vector
-from inercal.benches.dividing_head import mounted
-from inercal.benches.hand import felt
-from inercal.benches.turntable_attitude import motion as on_turntable
-from inercal.benches.turntable_run import travel
+from inercal.benches.dividing_head.bench import mounted
+from inercal.benches.turntable.attitude import motion as on_turntable
+from inercal.benches.turntable.simulation import travel
 from inercal.errors import InputError
 from inercal.estimate import Gaussian
 from inercal.methods import METHODS
 from inercal.methods.affine import to_affine
-from inercal.motion import Motion
-from inercal.plan import HandStep, Position, Spin, TableStep, Turn
+from inercal.plan import Position, TableStep
 from inercal.recording import Observations, Track
 from inercal.sensors import Noise, Sensor, imu
 from inercal.units import Measured
@@ -50,12 +45,7 @@ def perfect(sensor: Sensor, c: np.ndarray, method: str) -> Observations:
     bench = bench_of(method)
     if isinstance(bench, Turntable):
         return followed(bench, steps, sensor, c)
-    if isinstance(bench, DividingHead):
-        motion = Motion(dividing_head.felt(bench, steps, {}).f)
-    elif isinstance(bench, RateTable):
-        motion = Motion(rate_table.felt(bench, steps, {}).f)
-    else:
-        motion = on_arm(steps) if bench is ARM else by_hand(steps)
+    motion = bench.mean_motion(steps, {}).motion
     m = len(sensor.axes)
     return Observations(
         tuple(step.label for step in steps),
@@ -92,23 +82,6 @@ def followed(
         sensor.channels,
         track=Track(time, reading, angles, hold),
     )
-
-
-def on_arm(steps: Sequence[Spin]) -> Motion:
-    stated = ARM.nuisances(steps, vectors=True).items()
-    made = felt_vector(ARM, steps, {name: np.array(p.value) for name, p in stated})
-    return Motion(made.f, made.w)
-
-
-def by_hand(steps: Sequence[HandStep]) -> Motion:
-    durations = np.array([step.seconds for step in steps])
-    q = {name: np.array(p.value) for name, p in BENCH.nuisances(steps, rates=True).items()}
-    for step in steps:
-        if isinstance(step, Turn):
-            force = 9.81 * np.array(step.axis)
-            q |= {f"force_{a}[{step.label}]": force[k] for k, a in enumerate("xyz")}
-    rows = [felt(step, float(t), q) for step, t in zip(steps, durations, strict=True)]
-    return Motion(np.stack([row.f for row in rows]), np.stack([row.w for row in rows]))
 
 
 CASES = [(name, estimator) for name, m in METHODS.items() for estimator in m.estimators]

@@ -16,7 +16,7 @@ from tests.accuracy.tumble import Scale
 from tests.methods import tumble_cases as tumble
 from tests.methods.dual_orthogonal_cases import SENSOR, WHOLE, Case, case, known
 
-from inercal.benches.dividing_head import DividingHead
+from inercal.benches.dividing_head.bench import DividingHead
 from inercal.estimate import Estimate
 from inercal.methods.dual_orthogonal import dual, joint, patent, single
 from inercal.methods.tumble import fourier, least_squares

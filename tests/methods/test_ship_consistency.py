@@ -19,8 +19,8 @@ from tests.methods.ship_cases import (
     case,
 )
 
-from inercal.benches.mountings import tilted
-from inercal.benches.rate_table import felt
+from inercal.benches.rate_table.bench import felt
+from inercal.benches.rate_table.fixture import tilted
 from inercal.calibration.grade import assess
 from inercal.estimate import Estimate
 from inercal.methods.ship_consistency import of_rows

@@ -28,8 +28,8 @@ from tests.methods.ship_cases import (
     off,
 )
 
-from inercal.benches.mountings import Reading, multi_angle_plan, planar_plan, tilted
-from inercal.benches.rate_table import felt
+from inercal.benches.rate_table.bench import felt
+from inercal.benches.rate_table.fixture import Reading, multi_angle_plan, planar_plan, tilted
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gaussian
 from inercal.methods.affine import IDEAL, Affine, to_affine

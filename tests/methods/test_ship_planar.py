@@ -18,7 +18,7 @@ from tests.methods.ship_cases import (
     off,
 )
 
-from inercal.benches.mountings import planar_plan
+from inercal.benches.rate_table.fixture import planar_plan
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gaussian
 from inercal.methods.affine import to_affine

@@ -26,7 +26,7 @@ from tests.methods.tumble_cases import (
     spread,
 )
 
-from inercal.benches.dividing_head import mounted
+from inercal.benches.dividing_head.bench import mounted
 from inercal.errors import InputError
 from inercal.methods.tumble import METHOD, fourier, least_squares
 from inercal.plan import Index

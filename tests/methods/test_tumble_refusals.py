@@ -19,7 +19,7 @@ from tests.methods.tumble_cases import (
     sensor,
 )
 
-from inercal.benches.dividing_head import mounted
+from inercal.benches.dividing_head.bench import mounted
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gaussian
 from inercal.methods.tumble import METHOD, fourier, least_squares

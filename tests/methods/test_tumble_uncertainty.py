@@ -29,7 +29,7 @@ from tests.methods.tumble_cases import (
     truth,
 )
 
-from inercal.benches.dividing_head import DividingHead, mounted
+from inercal.benches.dividing_head.bench import DividingHead, mounted
 from inercal.methods.tumble import fourier, least_squares
 from inercal.plan import Index
 from inercal.sensors import G0, Sensor

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tests.accuracy.tumble import Device, Scale
 
-from inercal.benches.dividing_head import DividingHead
+from inercal.benches.dividing_head.bench import DividingHead
 from inercal.estimate import Estimate
 from inercal.methods.tumble import fourier, least_squares
 from inercal.plan import Index

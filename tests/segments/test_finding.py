@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from inercal.benches import Hand
-from inercal.benches.hand import DEGREE
-from inercal.benches.simulate import PAUSE_SECONDS, perform
+from inercal.benches.hand.bench import DEGREE
+from inercal.benches.hand.simulation import PAUSE_SECONDS, perform
 from inercal.errors import InputError
 from inercal.pipeline import read_out
 from inercal.plan import HandStep, Hold, Turn, ferraris, six_positions

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from inercal.benches import Turntable
-from inercal.benches.turntable_paths import fast
-from inercal.benches.turntable_run import travel
+from inercal.benches.turntable.paths import fast
+from inercal.benches.turntable.simulation import travel
 from inercal.plan import Position, Rotation, TableStep
 from inercal.segments import find_holds, find_turns
 from inercal.units import Measured

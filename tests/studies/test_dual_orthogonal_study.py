@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from tests.accuracy import dividing_head as independent
 
-from inercal.benches.dividing_head import positions
+from inercal.benches.dividing_head.bench import positions
 from inercal.sensors import G0
 from inercal.studies import Study, write_study
 from inercal.studies.dual_orthogonal import (

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from tests.accuracy import rate_table as independent
 
-from inercal.benches.mountings import Reading
+from inercal.benches.rate_table.fixture import Reading
 from inercal.methods.ship_planar import level
 from inercal.sensors import G0
 from inercal.studies import Study, write_study

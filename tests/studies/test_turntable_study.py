@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from inercal.benches.turntable_paths import paper
+from inercal.benches.turntable.paths import paper
 from inercal.studies import Study, reproduce, write_study
 from inercal.studies.turntable import accuracy, duration, experiment, score, trials
 from inercal.studies.turntable.experiment import SENSOR, TABLE, Case, simulate

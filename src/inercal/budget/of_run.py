@@ -39,7 +39,7 @@ def experiment_of(run: Run) -> Experiment:
             "or turns"
         )
     try:
-        require_possible(run.bench, run.steps)
+        bench = require_possible(run.bench, run.steps)
         believed = {
             name: float(value)
             for prior in run.priors
@@ -47,7 +47,7 @@ def experiment_of(run: Run) -> Experiment:
         }
         return Experiment(
             run.sensor,
-            run.bench,
+            bench,
             run.steps,
             run.solver(),
             _noise(run),

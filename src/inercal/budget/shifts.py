@@ -6,54 +6,18 @@ lever arm or a misalignment: the readings have it, and the estimator knows nothi
 A shift is what this changes in the estimate.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from math import degrees
 
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches import Bench, Centrifuge, DividingHead, Hand, RateTable, Turntable
+from inercal.benches import MeanBench
+from inercal.benches.contract import Effect
+from inercal.benches.kinds import kind_of
 from inercal.budget.experiment import Experiment
-from inercal.sensors import G0
 from inercal.units import Measured
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Effect:
-    """A known effect that a bench corrects for.
-
-    Parameters
-    ----------
-    name : str
-    field : str
-        Of the bench, that holds its value.
-    absent : Measured or float
-        The field's value without the effect.
-    unit, per : str and float
-        The value as printed: unit, and how many of it one SI unit is.
-    """
-
-    name: str
-    field: str
-    absent: Measured | float
-    unit: str
-    per: float
-
-
-# At the equator the earth does not turn about the vertical.
-EFFECTS: Mapping[type[Bench], tuple[Effect, ...]] = {
-    Hand: (Effect("earth's rate", "latitude", 0.0, "° of latitude", degrees(1)),),
-    Centrifuge: (
-        Effect("earth's rate", "latitude", Measured(0.0, 0.0), "° of latitude", degrees(1)),
-        Effect("stretch of the arm", "stretch", Measured(0.0, 0.0), "ppm/g", 1e6 * G0),
-    ),
-    DividingHead: (),
-    RateTable: (),
-    Turntable: (),
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,13 +47,13 @@ def shifts(experiment: Experiment) -> tuple[Shift, ...]:
     quiet = experiment.readings(q, own)
     as_it_is = experiment.estimates(readings, priors)
 
-    def moved(told: Bench, more: tuple[str, ...] = ()) -> Array:
+    def moved(told: MeanBench, more: tuple[str, ...] = ()) -> Array:
         there = readings + experiment.readings(q, (*own, *more)) - quiet
         return np.mean(experiment.estimates(there, priors, told) - as_it_is, axis=0)
 
     found: list[Shift] = []
     absent: dict[str, Measured | float] = {}
-    for effect in EFFECTS[type(bench)]:
+    for effect in kind_of(bench).effects:
         value = _value(getattr(bench, effect.field))
         if value and _felt(experiment, effect):
             absent[effect.field] = effect.absent
@@ -116,4 +80,4 @@ def _value(stated: Measured | float | None) -> float:
 def _felt(experiment: Experiment, effect: Effect) -> bool:
     """Whether the effect reaches the sensor: a hand's earth rate is felt by gyros alone."""
     gyros = any(axis.measures == "w" for axis in experiment.sensor.axes)
-    return gyros or isinstance(experiment.bench, Centrifuge)
+    return gyros or not effect.on_rates

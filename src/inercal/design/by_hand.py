@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches import Hand
-from inercal.benches.simulate import perform
+from inercal.benches.hand.simulation import perform
 from inercal.errors import InputError
 from inercal.pipeline import read_out
 from inercal.pipeline.by_hand import nominal

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches import RateTable
-from inercal.benches.mountings import PLANES, by_mounting, tilted
-from inercal.benches.rate_table import felt, mountings
+from inercal.benches.rate_table.bench import felt, mountings
+from inercal.benches.rate_table.fixture import PLANES, by_mounting, tilted
 from inercal.design.known import Known, alone, estimate_of_plan
 from inercal.design.table import empty_table
 from inercal.errors import InputError

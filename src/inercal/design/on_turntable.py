@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from inercal.benches import Turntable
-from inercal.benches.turntable_attitude import motion
-from inercal.benches.turntable_run import Travel, travel
+from inercal.benches.turntable.attitude import motion
+from inercal.benches.turntable.simulation import Travel, travel
 from inercal.design.known import Known
 from inercal.errors import InputError, NotObserved
 from inercal.methods.turntable import model

@@ -3,7 +3,7 @@
 Where the autocollimator is read in pairs, the head is trimmed until it reads at 180° what it read
 at 0°, and at 270° what it read at 90°. Readings are matched as they are: what a certificate says of
 the faces is added afterwards, where the angles are worked out
-(`inercal.benches.head_angles.angles`), so that nobody adds it at the head, nor twice.
+(`inercal.benches.dividing_head.head_angles.angles`), so that nobody adds it at the head, nor twice.
 
 The way back comes to 180° before 0°. There the mark is what 0° read in the first pass: a head errs
 alike at each visit. Where readings are written down, each pass comes to 0° and 90° by the head
@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from math import degrees, pi
 
 from inercal.benches import DividingHead
-from inercal.benches.passes import CARDINAL, lacking, near, passes
+from inercal.benches.dividing_head.passes import CARDINAL, lacking, near, passes
 from inercal.errors import InputError
 from inercal.plan import Index
 

@@ -27,7 +27,7 @@ from inercal.host.link import OPENING, open_link
 
 # What these bring with them takes longer to load than the guard, which opens a table, to start.
 if TYPE_CHECKING:
-    from inercal.benches.turntable import Turntable
+    from inercal.benches.turntable.bench import Turntable
     from inercal.host.imu import ImuPort
     from inercal.host.packets import Layout
 

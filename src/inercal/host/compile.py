@@ -13,7 +13,7 @@ from subprocess import DEVNULL, Popen
 import numpy as np
 
 from inercal.benches import Turntable
-from inercal.benches.turntable_attitude import motion
+from inercal.benches.turntable.attitude import motion
 from inercal.host.assembly import Assembly
 from inercal.host.drivers.table import AxisLimits, AxisState, TableState
 from inercal.host.interlocks import Interlocks

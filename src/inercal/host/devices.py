@@ -6,7 +6,7 @@ from time import monotonic
 
 import numpy as np
 
-from inercal.benches.turntable import Turntable
+from inercal.benches.turntable.bench import Turntable
 from inercal.errors import InputError
 from inercal.host.addresses import layout_of_address, link_of_address, open_table
 from inercal.host.drivers.table import AxisLimits, ProtocolError, TableFault, TableState

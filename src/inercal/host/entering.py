@@ -12,7 +12,6 @@ from inercal.host.folder import JOURNAL, LOG, Folder
 from inercal.host.journal import Header, Journal
 from inercal.host.log import digest
 from inercal.runfile import Run
-from inercal.runfile.checks import KINDS
 
 if TYPE_CHECKING:  # a bench runs without a register
     from inercal.store import History, Register
@@ -44,7 +43,7 @@ def enter(register: "Register", folder: str | Path) -> int:
     facts = RunFacts(
         _key(header, made.run),
         made.run.sensor,
-        KINDS[type(made.run.bench)],
+        made.run.kind.name,
         made.run.bench_name,
         header.begun,
         header.state,

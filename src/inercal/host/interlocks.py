@@ -17,8 +17,8 @@ from math import degrees, isfinite, nan, radians
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.turntable import Turntable
-from inercal.benches.turntable_attitude import motion
+from inercal.benches.turntable.attitude import motion
+from inercal.benches.turntable.bench import Turntable
 from inercal.errors import InputError
 from inercal.host.drivers.table import AxisLimits, TableState
 from inercal.pipeline.turntable.rates import half_window, of_gyros, of_table

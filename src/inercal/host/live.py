@@ -12,8 +12,8 @@ from math import nan
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.turntable import Turntable
-from inercal.benches.turntable_run import seconds_on_turntable
+from inercal.benches.turntable.bench import Turntable
+from inercal.benches.turntable.simulation import seconds_on_turntable
 from inercal.errors import InputError
 from inercal.host.assembly import Block
 from inercal.methods.turntable.model import COARSE

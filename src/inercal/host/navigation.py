@@ -15,8 +15,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from inercal.benches.turntable import Turntable
-from inercal.benches.turntable_attitude import reference
+from inercal.benches.turntable.attitude import reference
+from inercal.benches.turntable.bench import Turntable
 from inercal.methods.turntable.model import ARCSEC, GAP, earth
 from inercal.methods.turntable.strapdown import apart, copy, rotate
 from inercal.recording import Track

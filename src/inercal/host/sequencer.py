@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from math import degrees, pi, radians
 from typing import Literal, NamedTuple
 
-from inercal.benches.table_moves import Limits
+from inercal.benches.turntable.moves import Limits
 from inercal.host.drivers.table import AxisState, TableFault, TableState
 from inercal.host.tasks import Task
 

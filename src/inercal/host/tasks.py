@@ -7,8 +7,8 @@ says where that is, counted on over whole turns from the zero that homing found.
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from inercal.benches.turntable import Turntable
-from inercal.benches.turntable_run import travel
+from inercal.benches.turntable.bench import Turntable
+from inercal.benches.turntable.simulation import travel
 from inercal.plan import Rotation, TableStep
 
 Angles = tuple[float, ...]
@@ -46,7 +46,7 @@ def tasks(bench: Turntable, steps: Sequence[TableStep]) -> tuple[Task, ...]:
     Raises
     ------
     InputError
-        As `inercal.benches.turntable_run.travel`.
+        As `inercal.benches.turntable.simulation.travel`.
     """
     way = travel(bench, steps)
     angles: list[list[float]] = way.at(way.ends)[0].tolist()

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.dividing_head import DividingHead, drift_names, felt
-from inercal.benches.dividing_head import positions as on_head
-from inercal.benches.head_angles import angles
-from inercal.benches.passes import pass_names, ramps
+from inercal.benches.dividing_head.bench import DividingHead, drift_names, felt
+from inercal.benches.dividing_head.bench import positions as on_head
+from inercal.benches.dividing_head.head_angles import angles
+from inercal.benches.dividing_head.passes import pass_names, ramps
 from inercal.errors import InputError
 from inercal.estimate import Gaussian, Problem
 from inercal.keys import CoefficientName

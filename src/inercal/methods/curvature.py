@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches import Hand
-from inercal.benches.hand import felt
+from inercal.benches.hand.bench import felt
 from inercal.estimate import Estimate
 from inercal.motion import Motion
 from inercal.plan import HandStep, Hold

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches import Hand
-from inercal.benches.hand import felt
+from inercal.benches.hand.bench import felt
 from inercal.errors import NotObserved
 from inercal.estimate import Estimate, Gaussian, Problem, least_squares
 from inercal.methods import candidates

@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.rate_table import RateTable, by_parameter, felt
+from inercal.benches.rate_table.bench import RateTable, by_parameter, felt
 from inercal.estimate import Candidate, Gaussian, Problem, Scored, scored
 from inercal.estimate.once import Once
 from inercal.estimate.scores import UNSCORED

@@ -19,8 +19,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.mountings import PLANES, planar_plan, tilted
-from inercal.benches.rate_table import RateTable, felt
+from inercal.benches.rate_table.bench import RateTable, felt
+from inercal.benches.rate_table.fixture import PLANES, planar_plan, tilted
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate, Gaussian, NullDirection
 from inercal.methods import vectors

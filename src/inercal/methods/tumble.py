@@ -49,8 +49,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.dividing_head import DividingHead, felt
-from inercal.benches.passes import even as even_angles
+from inercal.benches.dividing_head.bench import DividingHead, felt
+from inercal.benches.dividing_head.passes import even as even_angles
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate, Gaussian
 from inercal.estimate import least_squares as solve

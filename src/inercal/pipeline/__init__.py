@@ -10,10 +10,11 @@ from functools import cached_property
 from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from inercal.benches import Bench, Centrifuge, DividingHead, Hand, RateTable, Turntable
+from inercal.benches import Bench, Centrifuge, RateTable, Turntable
 from inercal.calibration import Calibration, Frame
 from inercal.calibration.grade import Verdict
 from inercal.calibration.verdict import verdict
@@ -55,7 +56,7 @@ class Outcome:
     observations : Observations
     steps : tuple of Step
         Of each observation.
-    bench : Hand, Centrifuge, DividingHead, RateTable or Turntable
+    bench : Bench
     recording : Recording or None
         None when means were read straight in.
     marks : tuple of Mark
@@ -104,8 +105,9 @@ def calibrate(
         The run file, the recording or the marks cannot be used, or coefficients are not observed.
     """
     run = run if isinstance(run, Run) else read(run)
-    sensor, gathered = run.sensor, _gather(run, run.bench)
+    sensor, gathered = run.sensor, _GATHER[run.kind.name](run, run.bench)
     bench = gathered.bench or run.bench
+    expected = bench.nuisances(gathered.steps, sensor)
     observations, findings = gathered.observations, (*run.findings, *gathered.findings)
     if gathered.recording is not None:
         findings += against_recording(observations, sensor, gathered.steps, by_hand=run.method.free)
@@ -138,7 +140,6 @@ def calibrate(
             "leave no root; use another estimator"
         )
     p = len(sensor.coefficients)
-    expected = bench.nuisances(gathered.steps, sensor)
     constants = assumed.assumed(bench, expected)
 
     def on(other: Bench) -> Estimate:
@@ -221,7 +222,7 @@ def _rounded(sensor: Sensor, recording: Recording | None) -> Sensor:
 def _row_word(run: Run) -> str:
     if run.method.free:
         return "rest"
-    return "state or mounting" if isinstance(run.bench, RateTable) else "position or turn"
+    return run.kind.words.row
 
 
 def _search(run: Run) -> dict[str, str]:
@@ -236,16 +237,13 @@ def _search(run: Run) -> dict[str, str]:
     }
 
 
-def _gather(run: Run, bench: Bench) -> Gathered:
-    if isinstance(bench, Hand):
-        return by_hand.gather(run, bench)
-    if isinstance(bench, Centrifuge):
-        return on_arm.gather(run, bench)
-    if isinstance(bench, DividingHead):
-        return on_head.gather(run, bench)
-    if isinstance(bench, Turntable):
-        return turntable.gather(run, bench)
-    return on_table.gather(run, bench)
+_GATHER: Mapping[str, Callable[[Run, Any], Gathered]] = {
+    "hand": by_hand.gather,
+    "centrifuge": on_arm.gather,
+    "dividing_head": on_head.gather,
+    "rate_table": on_table.gather,
+    "turntable": turntable.gather,
+}
 
 
 def _frame(run: Run) -> Frame:

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches import DividingHead
-from inercal.benches.dividing_head import felt
-from inercal.benches.passes import passes, places
+from inercal.benches.dividing_head.bench import felt
+from inercal.benches.dividing_head.passes import passes, places
 from inercal.errors import InputError
 from inercal.methods.by_angle import by_bench
 from inercal.motion import Motion

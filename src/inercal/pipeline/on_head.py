@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches import DividingHead
-from inercal.benches.passes import CARDINAL, SAME, lacking, near, pass_names, places
+from inercal.benches.dividing_head.passes import CARDINAL, SAME, lacking, near, pass_names, places
 from inercal.errors import InputError
 from inercal.io.marks import as_read, marks_from_file
 from inercal.io.means import means_of, read_columns

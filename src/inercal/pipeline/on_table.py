@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches import RateTable
-from inercal.benches.mountings import PLANES, Plane, mounting
-from inercal.benches.rate_table import mountings, speeds
+from inercal.benches.rate_table.bench import mountings, speeds
+from inercal.benches.rate_table.fixture import PLANES, Plane, mounting
 from inercal.errors import InputError
 from inercal.estimate import Estimate
 from inercal.io.means import means_of, numbers_of, read_columns

@@ -6,20 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from inercal.benches import Centrifuge, Hand, RateTable, Turntable
-from inercal.benches.arm_run import perform_on_arm, seconds_on_arm
-from inercal.benches.head_run import perform_on_head
-from inercal.benches.simulate import Performance, perform
-from inercal.benches.table_run import perform_on_table, seconds_on_table
-from inercal.benches.turntable_run import (
-    perform_on_turntable,
-    read_at,
-    seconds_on_turntable,
-    travel,
-)
+from inercal.benches import Turntable
+from inercal.benches.contract import SimulatedMotion
+from inercal.benches.turntable.simulation import read_at, travel
 from inercal.errors import InputError
 from inercal.motion import Motion
-from inercal.pipeline.by_hand import nominal
 from inercal.pipeline.inputs import (
     HOLD,
     columns,
@@ -29,10 +20,10 @@ from inercal.pipeline.inputs import (
     turned_round,
 )
 from inercal.pipeline.turntable.run import settling
-from inercal.plan import Index, Position, Spin
+from inercal.plan import Position
 from inercal.recording import Recording
 from inercal.runfile import Run, read
-from inercal.sensors import Axis, Noise, Sensor
+from inercal.sensors import Axis, Sensor
 from inercal.units import factor
 
 _ROUNDING = 1e-9
@@ -94,10 +85,10 @@ def simulate_files(run: Run | str | Path, seed: int = 0) -> dict[str, Recording]
 
 def _simulated(
     run: Run, rng: np.random.Generator, seed: int, trials: int | None = None
-) -> tuple[Recording, Performance]:
+) -> tuple[Recording, SimulatedMotion]:
     if run.rate_hz is None:
         raise InputError(f"{run.path}: [data] rate is missing; a simulation needs it")
-    samples = run.rate_hz * _seconds(run) * (trials or 1)
+    samples = run.rate_hz * run.kind.seconds(run.bench, run.steps) * (trials or 1)
     if samples > _MOST_SAMPLES:
         raise InputError(
             f"{run.path}: {samples:.2g} samples are more than a simulation holds in memory, "
@@ -105,29 +96,20 @@ def _simulated(
         )
     sensor = run.sensor.with_coefficients(*run.truth)
     bench, rate, several = run.bench, run.rate_hz, trials or 1
-    readback: dict[str, np.ndarray] = {}
-    drift = None
-    if isinstance(bench, Hand):
-        done = perform(bench, nominal(run), rate, rng, several, carried=run.method.free)
-    elif isinstance(bench, Centrifuge):
-        done, readback = perform_on_arm(bench, _spins(run), rate, rng, several)
-    elif isinstance(bench, RateTable):
-        done, readback = perform_on_table(bench, _spins(run), rate, rng, several)
-    elif isinstance(bench, Turntable):
-        done, said = perform_on_turntable(bench, run.table_steps, rate, rng, several)
-        readback = said if trials else {name: values[0] for name, values in said.items()}
-        sensor, drift = _flickering(sensor, done.motion.f.shape[:-1], rate, rng)
-        if run.data.hold is not None:
-            readback[HOLD] = np.zeros_like(readback[bench.names[0]]) + _holds(run, bench, done)
-    else:
-        indexed = [step for step in run.steps if isinstance(step, Index)]
-        on_head = perform_on_head(bench, indexed, sensor.channels, rate, rng, several)
-        done, readback, drift = on_head.performance, on_head.readback, on_head.drift
+    steps = [step for step in run.steps if isinstance(step, run.kind.steps)]
+    made = run.kind.simulate(bench, steps, rate, rng, several, sensor, run.method.free)
+    done, drift = made.done, made.drift
+    readback = {
+        name: values[0] if values.ndim > 1 and not trials else values
+        for name, values in done.readback.items()
+    }
+    if run.data.hold is not None and isinstance(bench, Turntable):
+        readback[HOLD] = np.zeros_like(readback[bench.names[0]]) + _holds(run, bench, done)
     c = np.array([run.truth[name] for name in sensor.coefficients])
     motion = done.motion
     if sensor.uses("ai", "ap", "ao"):
         motion = replace(motion, dw=np.gradient(motion.w, 1 / run.rate_hz, axis=-2))
-    data = read_out(sensor, motion, c, run.rate_hz, rng, drift)
+    data = read_out(made.sensor, motion, c, run.rate_hz, rng, drift)
     recording = Recording(
         time=done.time,
         data=data if trials else data[0],
@@ -140,26 +122,9 @@ def _simulated(
     return recording, done
 
 
-def _flickering(
-    sensor: Sensor, shape: tuple[int, ...], rate_hz: float, rng: np.random.Generator
-) -> tuple[Sensor, np.ndarray]:
-    """Return a sensor without flicker, and the flicker of its biases about the mean, SI.
-
-    The methods on a turntable find the mean over the run (`methods.turntable.drift`): it is in the
-    truth. A Gauss–Markov drift has a mean of its own, and stays in the sensor's noise.
-    """
-    drift = np.zeros((*shape, len(sensor.axes)))
-    axes = list(sensor.axes)
-    for k, axis in enumerate(sensor.axes):
-        if axis.noise.bias_instability and not axis.noise.correlation:
-            alone = Noise(bias_instability=axis.noise.bias_instability)
-            drift[..., k] = alone.draw(rng, shape, rate_hz)
-            axes[k] = replace(axis, noise=replace(axis.noise, bias_instability=0.0))
-    drift -= drift.mean(axis=-2, keepdims=True)
-    return replace(sensor, axes=tuple(axes)), drift
-
-
-def _table_file(run: Run, done: Performance, rng: np.random.Generator, source: str) -> Recording:
+def _table_file(
+    run: Run, done: SimulatedMotion, rng: np.random.Generator, source: str
+) -> Recording:
     """Return the readback by the table's clock, as its file has it."""
     bench, data, rate = run.bench, run.data, run.rate_hz
     assert isinstance(bench, Turntable)
@@ -181,11 +146,7 @@ def _table_file(run: Run, done: Performance, rng: np.random.Generator, source: s
     )
 
 
-def _spins(run: Run) -> list[Spin]:
-    return [step for step in run.steps if isinstance(step, Spin)]
-
-
-def _holds(run: Run, bench: Turntable, done: Performance) -> np.ndarray:
+def _holds(run: Run, bench: Turntable, done: SimulatedMotion) -> np.ndarray:
     """Return the number of the hold that each sample is in, as a bench host writes it, (n,)."""
     number = np.full(done.time.size, -1.0)
     for k, step in enumerate(one for one in run.table_steps if isinstance(one, Position)):
@@ -193,17 +154,6 @@ def _holds(run: Run, bench: Turntable, done: Performance) -> np.ndarray:
         aside = settling(bench)
         number[(done.time >= time[0] + aside) & (done.time <= time[-1] - aside)] = k
     return number
-
-
-def _seconds(run: Run) -> float:
-    """Return how long the plan lasts at most."""
-    if isinstance(run.bench, RateTable):
-        return seconds_on_table(_spins(run))
-    if isinstance(run.bench, Turntable):
-        return seconds_on_turntable(run.bench, run.table_steps)
-    return sum(
-        seconds_on_arm(step) if isinstance(step, Spin) else step.seconds for step in run.steps
-    )
 
 
 def named_as_in(run: Run, recording: Recording) -> Recording:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches import RateTable
-from inercal.benches.rate_table import felt
+from inercal.benches.rate_table.bench import felt
 from inercal.errors import InputError
 from inercal.methods.affine import Affine
 from inercal.pipeline.inputs import readback_units

@@ -9,8 +9,8 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from inercal.benches import DividingHead
-from inercal.benches.head_angles import angles
-from inercal.benches.passes import pass_names, passes
+from inercal.benches.dividing_head.head_angles import angles
+from inercal.benches.dividing_head.passes import pass_names, passes
 from inercal.calibration.verdict import COVERAGE
 from inercal.pipeline import Outcome
 from inercal.plan import Index

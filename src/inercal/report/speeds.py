@@ -9,7 +9,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from inercal.benches import RateTable
-from inercal.benches.rate_table import felt
+from inercal.benches.rate_table.bench import felt
 from inercal.pipeline import Outcome
 from inercal.plan import Spin
 from inercal.report import drawing

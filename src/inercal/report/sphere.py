@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-from inercal.benches import Centrifuge, RateTable, Turntable, rate_table
-from inercal.benches.arm import felt_vector
-from inercal.benches.turntable_attitude import reference
+from inercal.benches import Centrifuge, RateTable, Turntable
+from inercal.benches.centrifuge.arm import felt_vector
+from inercal.benches.turntable.attitude import reference
 from inercal.motion import Motion
 from inercal.pipeline import Outcome
 from inercal.plan import Hold, Position, Rotation, Spin, Step, Turn, direction
@@ -91,7 +91,7 @@ def _dwells(outcome: Outcome, bench: Centrifuge) -> list[Attitude]:
 def _on_table(outcome: Outcome, bench: RateTable) -> list[Attitude]:
     calibration = outcome.calibration
     spins = [step for step in outcome.steps if isinstance(step, Spin)]
-    made = rate_table.felt(bench, spins, {})
+    made = bench.mean_motion(spins, {}).motion
     felt = calibration.correct(calibration.sensor.to_output(outcome.observations.mean))
     return [_measured(step, felt.f[k], made.f[k]) for k, step in enumerate(spins)]
 

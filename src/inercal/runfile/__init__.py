@@ -17,6 +17,8 @@ import numpy as np
 from pydantic import ValidationError
 
 from inercal.benches import Bench, Turntable
+from inercal.benches.contract import Kind
+from inercal.benches.kinds import KINDS, named
 from inercal.errors import InputError
 from inercal.estimate import Gaussian
 from inercal.keys import CoefficientName
@@ -28,7 +30,6 @@ from inercal.plan import Position, Rotation, Step, TableStep
 from inercal.recording import Finding
 from inercal.runfile.build import build_bench, build_sensor, coefficient_value, si_value
 from inercal.runfile.checks import (
-    KINDS,
     axes_of,
     require_columns,
     require_frame,
@@ -72,7 +73,9 @@ class Run:
         With readouts, noise and the coefficients wanted; all axes, also those not calibrated.
     truth : mapping of str to float
         Coefficients for a simulation, SI.
-    bench : Hand, Centrifuge, DividingHead, RateTable or Turntable
+    bench : Bench
+    kind : Kind
+        Of the bench.
     data : DataSection
     method : Method
     estimator : str
@@ -97,6 +100,7 @@ class Run:
     sensor: Sensor
     truth: Mapping[str, float]
     bench: Bench
+    kind: Kind[Any]
     data: DataSection
     method: Method[Any, Any]
     estimator: str
@@ -195,7 +199,7 @@ def _build(path: Path, digest: str, schema: RunSchema) -> Run:
     part = chosen.prepare(whole, schema.method.coefficients, schema.method.also)
     if not isinstance(bench, chosen.bench):
         raise InputError(
-            f"[bench] kind: method {chosen.name} takes {KINDS[chosen.bench]!r}, not "
+            f"[bench] kind: method {chosen.name} takes {named(chosen.bench)!r}, not "
             f"{schema.bench.kind!r}"
         )
     require_columns(schema, bench)
@@ -239,6 +243,7 @@ def _build(path: Path, digest: str, schema: RunSchema) -> Run:
         sensor=part,
         truth=truth,
         bench=bench,
+        kind=KINDS[schema.bench.kind],
         data=schema.data,
         method=chosen,
         estimator=estimator,

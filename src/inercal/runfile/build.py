@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from inercal.benches import Bench, Centrifuge, DividingHead, Hand, RateTable, Turntable
-from inercal.benches.dividing_head import mounted
-from inercal.benches.table_moves import Limits
+from inercal.benches.dividing_head.bench import mounted
+from inercal.benches.turntable.moves import Limits
 from inercal.earth import earth_rate_up_north, normal_gravity
 from inercal.errors import InputError
 from inercal.io.read import read_table

@@ -4,19 +4,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from inercal.benches import Bench, Centrifuge, DividingHead, Hand, RateTable, Turntable
+from inercal.benches.kinds import named
 from inercal.errors import InputError
 from inercal.estimate import Gaussian
 from inercal.methods import METHODS, Method
 from inercal.plan import Step, Turn
 from inercal.runfile.schema import ReadoutSection, RunSchema, Use
 
-KINDS: Mapping[type, str] = {
-    Hand: "hand",
-    Centrifuge: "centrifuge",
-    DividingHead: "dividing_head",
-    RateTable: "rate_table",
-    Turntable: "turntable",
-}
 _NEEDED: Mapping[type, Mapping[str, str]] = {  # columns in [data] that a bench does not do without
     Centrifuge: {"arm_rate": "the column of the arm's rate (and arm_rate_unit)"},
     DividingHead: {"angle": "the column of the head's angle (and angle_unit)"},
@@ -89,7 +83,7 @@ def require_columns(schema: RunSchema, bench: Bench) -> None:
     data, kind = schema.data, type(bench)
     for key, owners in _OWN.items():
         if getattr(data, key) is not None and kind not in owners:
-            kinds = " or ".join(f'"{KINDS[owner]}"' for owner in owners)
+            kinds = " or ".join(f'"{named(owner)}"' for owner in owners)
             raise InputError(f"[data] {key} goes with [bench] kind = {kinds}")
     for key, what in _NEEDED.get(kind, {}).items():
         if getattr(data, key) is None:

@@ -5,8 +5,8 @@ from functools import partial
 from pathlib import Path
 
 from inercal.benches import Turntable
-from inercal.benches.path_file import read_path
-from inercal.benches.turntable_paths import PATHS
+from inercal.benches.turntable.path_file import read_path
+from inercal.benches.turntable.paths import PATHS
 from inercal.errors import InputError
 from inercal.plan import Step
 from inercal.runfile.schema import MethodSection

@@ -202,11 +202,11 @@ class Register:
 def _kind(calibration: Calibration) -> str:
     """Return the kind of bench that a calibration's method takes; empty for an unknown method."""
     # Here, for methods load compiled kernels, which nobody needs who only looks.
+    from inercal.benches.kinds import named
     from inercal.methods import METHODS
-    from inercal.runfile.checks import KINDS
 
     method = METHODS.get(calibration.method)
-    return "" if method is None else KINDS[method.bench]
+    return "" if method is None else named(method.bench)
 
 
 def _user() -> str:

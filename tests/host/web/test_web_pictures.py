@@ -8,7 +8,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from inercal.benches.turntable_attitude import reference
+from inercal.benches.turntable.attitude import reference
 from inercal.host.drivers.table import AxisState
 from inercal.host.navigation import Navigation
 from inercal.host.record import turntable_of

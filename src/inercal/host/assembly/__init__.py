@@ -21,7 +21,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.turntable import Turntable
+from inercal.benches.turntable.bench import Turntable
 from inercal.errors import InputError
 from inercal.host.assembly.imu import Imu, LeftOut, Samples
 from inercal.host.assembly.polls import Table

@@ -5,7 +5,7 @@ mean over it, so that the rate at its end is (r_k + r_k+1)/2; the angle between 
 cubic of their angles and rates, and rate and acceleration are its derivatives. So the integral of
 the rate is the angle, to the last bit that matters.
 
-Attitude, f, ω and its derivative are those of `inercal.benches.turntable_attitude`, the sensor's
+Attitude, f, ω and its derivative are those of `inercal.benches.turntable.attitude`, the sensor's
 terms those of `inercal.sensors.response` in the reference form: each a product of at most `MOST`
 components of what its axis sees.
 """

@@ -6,7 +6,7 @@ which the table's next servo cycles are known that they are made of, the readbac
 the difference being τ.
 
 The IMU's clock is slower than the table's by χ: (1 − χ) s pass on it in 1 s of the table's, which
-is the bench's time (see `inercal.benches.turntable`).
+is the bench's time (see `inercal.benches.turntable.bench`).
 """
 
 from collections.abc import Callable

@@ -6,7 +6,7 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.turntable_attitude import attitude
+from inercal.benches.turntable.attitude import attitude
 from inercal.earth import earth_rate_up_north
 from inercal.errors import InputError
 from inercal.host.sim import _felt as kernel

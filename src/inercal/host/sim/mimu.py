@@ -29,7 +29,7 @@ from typing import TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.turntable_run import seconds_on_turntable
+from inercal.benches.turntable.simulation import seconds_on_turntable
 from inercal.errors import InputError
 from inercal.host.packets import Layout, read_layout
 from inercal.host.sim import motion_link

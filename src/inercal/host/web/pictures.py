@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.turntable import Turntable
-from inercal.benches.turntable_attitude import reference
+from inercal.benches.turntable.attitude import reference
+from inercal.benches.turntable.bench import Turntable
 from inercal.host.drivers.table import AxisState
 from inercal.host.run import BenchRun
 from inercal.host.tasks import tasks

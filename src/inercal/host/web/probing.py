@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from inercal.benches.turntable import Turntable
+from inercal.benches.turntable.bench import Turntable
 from inercal.errors import InercalError
 from inercal.host import devices
 from inercal.host.device_lines import of_imu, of_table

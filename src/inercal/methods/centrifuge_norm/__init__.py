@@ -21,8 +21,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.arm import felt_norm
-from inercal.benches.centrifuge import Centrifuge
+from inercal.benches.centrifuge.arm import felt_norm
+from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate, Gaussian, least_squares
 from inercal.keys import CoefficientName

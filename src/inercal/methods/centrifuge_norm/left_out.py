@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from inercal.benches.centrifuge import Centrifuge
+from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.errors import NotObserved
 from inercal.estimate import Gaussian, least_squares
 from inercal.estimate.scores import LEVEL, SHARE

@@ -16,8 +16,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.arm import FeltNorm, FeltVector, felt_norm, felt_vector
-from inercal.benches.centrifuge import Centrifuge
+from inercal.benches.centrifuge.arm import FeltNorm, FeltVector, felt_norm, felt_vector
+from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.estimate import Candidate, Gaussian, Problem
 from inercal.methods import candidates, vectors
 from inercal.methods.centrifuge_norm.gauge import gauges, known_nulls, require_gauge

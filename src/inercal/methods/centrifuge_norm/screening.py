@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from inercal.benches.centrifuge import Centrifuge
+from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.errors import InputError
 from inercal.estimate import Cauchy, Estimate, Gaussian, Problem, least_squares
 from inercal.estimate.scores import LEVEL

@@ -9,7 +9,7 @@ or priors.
 * `dual`: g² alone, with priors in the place of the autocollimator.
 * `single`: each accelerometer against the head taken as exact, the conventional tumble test.
 
-The sensor is that of `inercal.benches.dividing_head.mounted`. `joint` and `single` take one
+The sensor is that of `inercal.benches.dividing_head.bench.mounted`. `joint` and `single` take one
 accelerometer too.
 
 Source: CN101852817A (Harbin Institute of Technology, 2010) for `patent` and `dual`, rebuilt from
@@ -22,7 +22,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.dividing_head import DividingHead
+from inercal.benches.dividing_head.bench import DividingHead
 from inercal.estimate import Estimate, Gaussian, least_squares
 from inercal.estimate.scores import UNSCORED
 from inercal.methods import by_angle, vectors

@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.dividing_head import DividingHead
-from inercal.benches.head_angles import angles
+from inercal.benches.dividing_head.bench import DividingHead
+from inercal.benches.dividing_head.head_angles import angles
 from inercal.estimate import Estimate
 from inercal.methods.dual_orthogonal import square
 from inercal.plan import Index

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.passes import CARDINAL, near
+from inercal.benches.dividing_head.passes import CARDINAL, near
 from inercal.errors import NotObserved
 from inercal.plan import Index
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.dividing_head import DividingHead, felt
+from inercal.benches.dividing_head.bench import DividingHead, felt
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate, Gaussian, Problem, least_squares
 from inercal.methods.by_angle import by_bench

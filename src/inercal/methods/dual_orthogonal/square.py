@@ -24,8 +24,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.dividing_head import DividingHead, drift_names, felt
-from inercal.benches.passes import places, ramps
+from inercal.benches.dividing_head.bench import DividingHead, drift_names, felt
+from inercal.benches.dividing_head.passes import places, ramps
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Candidate, Gauge, Gaussian, Problem, least_squares
 from inercal.keys import CoefficientName
@@ -98,7 +98,7 @@ def compare(sensor: Sensor, y: Array, c: Array, g: float) -> Seen:
     Parameters
     ----------
     sensor : Sensor
-        As `inercal.benches.dividing_head.mounted`: axes along x and y.
+        As `inercal.benches.dividing_head.bench.mounted`: axes along x and y.
     y : (..., r, 2) array
         Readings, m/s².
     c : (..., p) array

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inercal.benches.dividing_head import DividingHead
+from inercal.benches.dividing_head.bench import DividingHead
 from inercal.calibration.verdict import COVERAGE
 from inercal.estimate import Estimate, Gaussian
 from inercal.keys import CoefficientName

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.hand import across
+from inercal.benches.hand.bench import across
 from inercal.errors import InputError
 from inercal.frames import exp_so3, skew
 from inercal.methods.multi_position.rotations import affine

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches import Hand
-from inercal.benches.hand import across
+from inercal.benches.hand.bench import across
 from inercal.estimate.spread import Spread
 from inercal.frames import exp_so3, from_up
 from inercal.methods.multi_position.rotations import Carried, Rotations, carried, rotations

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.hand import across
+from inercal.benches.hand.bench import across
 from inercal.estimate import Candidate
 from inercal.estimate.spread import by_others
 from inercal.frames import skew

@@ -20,8 +20,8 @@ its text. `joint`, `planar_norm` and all covariances are ours.
 from collections.abc import Sequence
 from dataclasses import replace
 
-from inercal.benches.mountings import Reading, multi_angle_plan, planar_plan
-from inercal.benches.rate_table import RateTable, mountings
+from inercal.benches.rate_table.bench import RateTable, mountings
+from inercal.benches.rate_table.fixture import Reading, multi_angle_plan, planar_plan
 from inercal.errors import NotObserved
 from inercal.estimate import Estimate, Gaussian, least_squares
 from inercal.methods import vectors
@@ -46,7 +46,7 @@ def plan(
     seconds : float
         Length of each dwell, s.
     reading : "azimuth", "dihedral" or "successive"
-        Of the pose of two tilts (`inercal.benches.mountings`).
+        Of the pose of two tilts (`inercal.benches.rate_table.fixture`).
     one_speed : bool
         Whether all groups are at one speed, as in the source.
     """

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.rate_table import RateTable, felt
+from inercal.benches.rate_table.bench import RateTable, felt
 from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian, Problem, least_squares
 from inercal.methods.affine import IDEAL, NAMES, Affine

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.rate_table import RateTable
+from inercal.benches.rate_table.bench import RateTable
 from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian, NullDirection
 from inercal.methods.affine import IDEAL, NAMES, Affine

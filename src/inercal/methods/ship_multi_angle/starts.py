@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.rate_table import RateTable, felt
+from inercal.benches.rate_table.bench import RateTable, felt
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gaussian
 from inercal.methods.affine import IDEAL, Affine, to_affine

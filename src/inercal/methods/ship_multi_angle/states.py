@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.mountings import tilted
-from inercal.benches.rate_table import RateTable, felt
+from inercal.benches.rate_table.bench import RateTable, felt
+from inercal.benches.rate_table.fixture import tilted
 from inercal.errors import NotObserved
 from inercal.methods.affine import require_twelve
 from inercal.methods.vectors import require_rows

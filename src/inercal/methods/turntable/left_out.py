@@ -20,8 +20,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.turntable import Turntable
-from inercal.benches.turntable_attitude import misalignment, reference
+from inercal.benches.turntable.attitude import misalignment, reference
+from inercal.benches.turntable.bench import Turntable
 from inercal.estimate import Candidate
 from inercal.estimate.scores import Kind
 from inercal.frames import exp_so3, log_so3

@@ -11,8 +11,8 @@ from math import radians
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.turntable import Turntable
-from inercal.benches.turntable_attitude import Misalignment, reference
+from inercal.benches.turntable.attitude import Misalignment, reference
+from inercal.benches.turntable.bench import Turntable
 from inercal.earth import earth_rate_up_north
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gaussian, NullDirection

@@ -16,8 +16,8 @@ from math import copysign, pi
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.turntable import Turntable
-from inercal.benches.turntable_attitude import misalignment, reference
+from inercal.benches.turntable.attitude import misalignment, reference
+from inercal.benches.turntable.bench import Turntable
 from inercal.earth import earth_rate_up_north
 from inercal.frames import log_so3
 from inercal.methods.vectors import Felt

@@ -19,8 +19,8 @@ delay and the table's errors as states are ours.
 
 from collections.abc import Sequence
 
-from inercal.benches.turntable import Turntable
-from inercal.benches.turntable_paths import named as named_path
+from inercal.benches.turntable.bench import Turntable
+from inercal.benches.turntable.paths import named as named_path
 from inercal.estimate import Estimate, Gaussian
 from inercal.methods._base import Method
 from inercal.methods.turntable_kalman.follow import WAYS, followed

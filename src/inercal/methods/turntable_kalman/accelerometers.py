@@ -15,8 +15,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.turntable import Turntable
-from inercal.benches.turntable_attitude import Misalignment, misalignment, reference
+from inercal.benches.turntable.attitude import Misalignment, misalignment, reference
+from inercal.benches.turntable.bench import Turntable
 from inercal.estimate import Course, Gaussian
 from inercal.estimate.kalman import Steps
 from inercal.methods.turntable import model, strapdown

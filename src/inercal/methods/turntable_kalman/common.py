@@ -6,7 +6,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.turntable import Turntable
+from inercal.benches.turntable.bench import Turntable
 from inercal.estimate import Course, Smoothed
 from inercal.estimate.kalman import Steps, smoothed, steps
 from inercal.methods.turntable.model import Triad, earth

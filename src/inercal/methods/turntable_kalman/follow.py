@@ -6,7 +6,7 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.turntable import Turntable
+from inercal.benches.turntable.bench import Turntable
 from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian
 from inercal.estimate.once import Once

@@ -16,8 +16,8 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.turntable import Turntable
-from inercal.benches.turntable_attitude import misalignment, reference
+from inercal.benches.turntable.attitude import misalignment, reference
+from inercal.benches.turntable.bench import Turntable
 from inercal.errors import InputError
 from inercal.estimate import Course, Gaussian
 from inercal.estimate.kalman import Steps

@@ -6,7 +6,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.turntable import Turntable
+from inercal.benches.turntable.bench import Turntable
 from inercal.estimate import Gaussian
 from inercal.methods.turntable import model
 from inercal.methods.turntable.model import ARCSEC

@@ -17,8 +17,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.turntable import Turntable
-from inercal.benches.turntable_paths import named
+from inercal.benches.turntable.bench import Turntable
+from inercal.benches.turntable.paths import named
 from inercal.errors import InputError
 from inercal.estimate import Candidate, Estimate, Gaussian, Problem, Test
 from inercal.estimate import least_squares as solve

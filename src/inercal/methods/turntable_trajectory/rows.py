@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.turntable import Turntable
-from inercal.benches.turntable_attitude import misalignment, reference
+from inercal.benches.turntable.attitude import misalignment, reference
+from inercal.benches.turntable.bench import Turntable
 from inercal.errors import InputError
 from inercal.frames import log_so3, skew
 from inercal.methods.turntable import left_out, model, strapdown

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.turntable import Turntable
-from inercal.benches.turntable_attitude import motion, reference
+from inercal.benches.turntable.attitude import motion, reference
+from inercal.benches.turntable.bench import Turntable
 from inercal.errors import InputError
 from inercal.methods.turntable import model
 from inercal.pipeline.turntable.fits import (

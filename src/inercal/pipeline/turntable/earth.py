@@ -14,8 +14,8 @@ from math import atan2, degrees, hypot, pi
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.turntable import Turntable
-from inercal.benches.turntable_attitude import reference
+from inercal.benches.turntable.attitude import reference
+from inercal.benches.turntable.bench import Turntable
 from inercal.earth import EARTH_RATE
 from inercal.errors import InputError
 from inercal.methods.turntable.model import earth

@@ -1,7 +1,7 @@
 """How readings fit a turntable's readback as it stands, and with columns or signs exchanged.
 
 All is judged on means of 0.1 s: of the readings, and of the motion that the readback implies there
-(`inercal.benches.turntable_attitude.motion` at the table's nominal values). Three readings y fit a
+(`inercal.benches.turntable.attitude.motion` at the table's nominal values). Three readings y fit a
 motion p as well as an honest sensor may if the cost is small::
 
     J = min over D, b of  Σ|y − (I + D) p − b|² / (0.05² S) + Σ D² / 0.1²
@@ -18,8 +18,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.turntable import Turntable
-from inercal.benches.turntable_attitude import motion
+from inercal.benches.turntable.attitude import motion
+from inercal.benches.turntable.bench import Turntable
 from inercal.recording import GAP, Track
 from inercal.sensors import G0, Sensor
 

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.turntable import Turntable
-from inercal.benches.turntable_attitude import motion
+from inercal.benches.turntable.attitude import motion
+from inercal.benches.turntable.bench import Turntable
 from inercal.recording import GAP
 
 Array = NDArray[np.float64]

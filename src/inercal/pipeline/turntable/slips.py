@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.turntable import Turntable
-from inercal.benches.turntable_attitude import motion
+from inercal.benches.turntable.attitude import motion
+from inercal.benches.turntable.bench import Turntable
 from inercal.pipeline.turntable.rates import Rough, half_window, of_gyros, of_table, offsets, rough
 from inercal.recording import GAP, Finding, Track
 from inercal.sensors import Sensor

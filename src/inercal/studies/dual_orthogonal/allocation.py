@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.dividing_head import DividingHead
+from inercal.benches.dividing_head.bench import DividingHead
 from inercal.studies.claim import Claim, judge, shown
 from inercal.studies.dual_orthogonal.experiment import (
     ARCSEC,

@@ -13,7 +13,14 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.dividing_head import Collimated, DividingHead, Index, felt, mounted, positions
+from inercal.benches.dividing_head.bench import (
+    Collimated,
+    DividingHead,
+    Index,
+    felt,
+    mounted,
+    positions,
+)
 from inercal.estimate import Estimate, Gaussian
 from inercal.keys import CoefficientName
 from inercal.motion import Motion

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.dividing_head import DividingHead, felt, positions
+from inercal.benches.dividing_head.bench import DividingHead, felt, positions
 from inercal.methods.dual_orthogonal.four_points import four_points
 from inercal.motion import Motion
 from inercal.sensors import G0

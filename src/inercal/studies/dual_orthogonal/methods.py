@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.dividing_head import Collimated, Index
+from inercal.benches.dividing_head.bench import Collimated, Index
 from inercal.estimate import Estimate, Gaussian
 from inercal.methods.dual_orthogonal import dual, joint, patent, single
 from inercal.studies.dual_orthogonal.experiment import (

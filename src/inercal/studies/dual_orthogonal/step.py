@@ -7,8 +7,8 @@ from math import pi, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.dividing_head import Index, positions
-from inercal.benches.passes import near
+from inercal.benches.dividing_head.bench import Index, positions
+from inercal.benches.dividing_head.passes import near
 from inercal.errors import NotObserved
 from inercal.methods.dual_orthogonal import square
 from inercal.studies.claim import Claim, judge, shown

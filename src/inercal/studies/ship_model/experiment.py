@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.mountings import FAST, RPM, Reading, multi_angle_plan, planar_plan
-from inercal.benches.rate_table import RateTable, felt
+from inercal.benches.rate_table.bench import RateTable, felt
+from inercal.benches.rate_table.fixture import FAST, RPM, Reading, multi_angle_plan, planar_plan
 from inercal.estimate import Estimate
 from inercal.keys import CoefficientName
 from inercal.methods.affine import Affine, to_affine

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.mountings import PLANES, RPM, planar_plan
+from inercal.benches.rate_table.fixture import PLANES, RPM, planar_plan
 from inercal.methods.affine import Affine
 from inercal.methods.ship_planar import level
 from inercal.studies.claim import Claim, judge, shown

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.mountings import About, Reading, multi_angle_plan
+from inercal.benches.rate_table.fixture import About, Reading, multi_angle_plan
 from inercal.frames import exp_so3
 from inercal.methods.affine import IDEAL, Affine
 from inercal.methods.ship_multi_angle.freedom import Free, free

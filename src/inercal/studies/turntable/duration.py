@@ -1,7 +1,7 @@
 """Half an hour instead of three: how long the paths take, and what each minute is worth."""
 
-from inercal.benches.turntable_paths import discrete, fast, paper
-from inercal.benches.turntable_run import seconds_on_turntable
+from inercal.benches.turntable.paths import discrete, fast, paper
+from inercal.benches.turntable.simulation import seconds_on_turntable
 from inercal.studies.claim import Claim, judge, shown
 from inercal.studies.section import Section, Table
 from inercal.studies.turntable.accuracy import FULL, HELD, OWN

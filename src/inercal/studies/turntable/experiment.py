@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from inercal.benches import Turntable
-from inercal.benches.turntable_run import perform_on_turntable
+from inercal.benches.turntable.simulation import perform_on_turntable
 from inercal.keys import CoefficientName
 from inercal.motion import Motion
 from inercal.pipeline.simulation import read_out
@@ -117,7 +117,8 @@ def simulate(steps: Sequence[TableStep], seed: int, table: Turntable = TABLE) ->
     rng = np.random.default_rng([seed, 1])
     sd = np.array([SIZES[CoefficientName(name).term] for name in SENSOR.coefficients])
     truth = sd * rng.standard_normal(sd.size)
-    done, said = perform_on_turntable(table, steps, RATE_HZ, rng)
+    done = perform_on_turntable(table, steps, RATE_HZ, rng)
+    said = done.readback
     motion = Motion(done.motion.f[0], done.motion.w[0])
     white = tuple(
         replace(axis, noise=replace(axis.noise, bias_instability=0.0)) for axis in SENSOR.axes

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.turntable_paths import discrete
+from inercal.benches.turntable.paths import discrete
 from inercal.estimate import Course
 from inercal.methods.turntable_discrete import least_squares
 from inercal.methods.turntable_kalman.accelerometers import Accelerometers

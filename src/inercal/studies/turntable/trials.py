@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.turntable_paths import discrete, fast, paper
+from inercal.benches.turntable.paths import discrete, fast, paper
 from inercal.methods.turntable import model
 from inercal.studies.section import Say
 from inercal.studies.turntable.experiment import DEG_MIN, LATE, TABLE, Case, sensor, simulate

@@ -19,10 +19,10 @@ from math import pi
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.arm import directions
-from inercal.benches.mountings import by_mounting
-from inercal.benches.rate_table import RateTable, mountings, speeds
-from inercal.benches.simulate import Performance
+from inercal.benches.centrifuge.arm import directions
+from inercal.benches.contract import SimulatedMotion
+from inercal.benches.rate_table.bench import RateTable, mountings, speeds
+from inercal.benches.rate_table.fixture import by_mounting
 from inercal.frames import exp_so3
 from inercal.motion import Motion
 from inercal.plan import Spin
@@ -39,7 +39,7 @@ def perform_on_table(
     rate_hz: float,
     rng: np.random.Generator,
     trials: int = 1,
-) -> tuple[Performance, dict[str, Array]]:
+) -> SimulatedMotion:
     """Return the motion of each trial, and what the table reads back: "arm_rate", (n,) rad/s.
 
     Parameters
@@ -84,7 +84,8 @@ def perform_on_table(
         labels += [name] * profile[0].size
     motion = Motion(np.concatenate(f, axis=-2), np.concatenate(w, axis=-2))
     time = np.arange(len(labels)) / rate_hz
-    return Performance(time, motion, np.array(labels), drawn), {"arm_rate": np.concatenate(told)}
+    readback = {"arm_rate": np.concatenate(told)}
+    return SimulatedMotion(time, motion, np.array(labels), drawn, readback)
 
 
 def seconds_on_table(steps: Sequence[Spin]) -> float:

@@ -1,48 +1,29 @@
 """A dividing head in simulation: position after position, with the way between."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import pi
 
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.dividing_head import DividingHead, drifted, felt
-from inercal.benches.simulate import Performance
+from inercal.benches.contract import Simulated, SimulatedMotion
+from inercal.benches.dividing_head.bench import DividingHead, drifted, felt
 from inercal.motion import Motion
 from inercal.plan import Index
+from inercal.sensors import Sensor
 
 Array = NDArray[np.float64]
 MOVE_SECONDS = 2.0
 
 
-@dataclass(frozen=True, eq=False)
-class HeadRun:
-    """What a dividing head did.
-
-    Parameters
-    ----------
-    performance : Performance
-        Samples between positions have an empty label.
-    readback : mapping of str to (n,) array
-        "angle", "autocollimator" and "level", rad: the last two read nothing beyond nominal.
-    drift : (trials, n, m) array
-        Of each accelerometer's bias, m/s².
-    """
-
-    performance: Performance
-    readback: dict[str, Array]
-    drift: Array
-
-
 def perform_on_head(
     bench: DividingHead,
     steps: Sequence[Index],
-    channels: Sequence[str],
+    sensor: Sensor,
     rate_hz: float,
     rng: np.random.Generator,
     trials: int = 1,
-) -> HeadRun:
+) -> Simulated:
     """Return the motion of each trial, what the bench reads back, and how biases drifted.
 
     Parameters
@@ -50,18 +31,18 @@ def perform_on_head(
     bench : DividingHead
         Its parameters are drawn from normal distributions of their stated deviations.
     steps : sequence of r Index
-    channels : sequence of m str
-        The accelerometers.
+    sensor : Sensor
+        Of m accelerometers.
     rate_hz : float
         Samples per second.
     rng : Generator
     trials : int
         Length of the leading axis of what is drawn and of the motion.
     """
-    declared = bench.simulated(steps, channels)
+    declared = bench.simulated(steps, sensor.channels)
     drawn = {n: q.value + q.sd * rng.standard_normal(trials) for n, q in declared.items()}
     f = np.broadcast_to(felt(bench, steps, drawn).f, (trials, len(steps), 3))
-    drift = drifted(steps, channels, drawn)
+    drift = drifted(steps, sensor.channels, drawn)
     # A sample belongs to a position (share 0) or lies by its share on the way to the next.
     move = round(MOVE_SECONDS * rate_hz)
     which: list[Array] = []
@@ -85,5 +66,6 @@ def perform_on_head(
         "autocollimator": nothing,
         "level": nothing,
     }
-    performance = Performance(time, motion, np.where(share > 0, "", names[row]), drawn)
-    return HeadRun(performance, readback, drift[:, row])
+    labels = np.where(share > 0, "", names[row])
+    done = SimulatedMotion(time, motion, labels, drawn, readback)
+    return Simulated(done, sensor, drift[:, row])

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.passes import (
+from inercal.benches.dividing_head.passes import (
     CARDINAL,
     even,
     near,
@@ -20,7 +20,7 @@ from inercal.errors import InputError
 from inercal.plan import Index
 
 if TYPE_CHECKING:
-    from inercal.benches.dividing_head import DividingHead
+    from inercal.benches.dividing_head.bench import DividingHead
 
 Array = NDArray[np.float64]
 

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from math import isfinite, radians
 
-from inercal.benches.table_moves import Limits
+from inercal.benches.turntable.moves import Limits
 from inercal.earth import earth_rate_up_north
 from inercal.errors import InputError
 from inercal.parameters import Parameter

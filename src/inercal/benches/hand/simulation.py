@@ -5,12 +5,12 @@ samples of a hold or a turn carry its label, those of a move none.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.hand import Hand, across, felt, tilted
+from inercal.benches.contract import SimulatedMotion
+from inercal.benches.hand.bench import Hand, across, felt, tilted
 from inercal.motion import Motion
 from inercal.plan import HandStep, Hold, Turn
 
@@ -18,28 +18,6 @@ Array = NDArray[np.float64]
 MOVE_SECONDS = 2.0
 PAUSE_SECONDS = 1.5  # at rest before and after a turn, unlabelled
 _SETTLE = 0.25  # s at rest at either end of a turn's section
-
-
-@dataclass(frozen=True, eq=False)
-class Performance:
-    """A plan carried out.
-
-    Parameters
-    ----------
-    time : (n,) array
-        s, by the recording's clock.
-    motion : Motion
-        f and ω in the sensor's frame, (trials, n, 3).
-    labels : (n,) array of str
-        The step of each sample; empty between steps.
-    drawn : mapping of str to (trials,) array
-        The bench's errors, SI, by full name.
-    """
-
-    time: Array
-    motion: Motion
-    labels: NDArray[np.str_]
-    drawn: dict[str, Array]
 
 
 def perform(
@@ -50,7 +28,7 @@ def perform(
     trials: int = 1,
     *,
     carried: bool = False,
-) -> Performance:
+) -> SimulatedMotion:
     """Return the motion of each trial; trials share times and labels.
 
     Parameters
@@ -90,7 +68,7 @@ def perform(
         parts += [still, (f, w, step.label), still]
     labels = np.concatenate([np.full(f.shape[1], label) for f, _, label in parts])
     motion = Motion(*(np.concatenate([part[k] for part in parts], axis=1) for k in (0, 1)))
-    return Performance(np.arange(labels.size) / rate_hz, motion, labels, drawn)
+    return SimulatedMotion(np.arange(labels.size) / rate_hz, motion, labels, drawn)
 
 
 def _carried_earth(holds: Sequence[Hold], drawn: dict[str, Array]) -> dict[str, Array]:

@@ -1,6 +1,6 @@
 """A precision centrifuge as a bench (terms of IEEE Std 836): what is known of it, as data.
 
-What its arm makes a sensor feel stands in `inercal.benches.arm`.
+What its arm makes a sensor feel stands in `inercal.benches.centrifuge.arm`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.arm import felt_vector, positions
+from inercal.benches.centrifuge.arm import felt_vector, positions
 from inercal.benches.contract import MeanMotion
 from inercal.earth import EARTH_RATE
 from inercal.motion import Motion

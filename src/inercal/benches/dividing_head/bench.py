@@ -33,9 +33,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches.contract import MeanMotion
+from inercal.benches.dividing_head.head_angles import acting, angles
+from inercal.benches.dividing_head.passes import pass_names, ramps
 from inercal.benches.forces import Felt
-from inercal.benches.head_angles import acting, angles
-from inercal.benches.passes import pass_names, ramps
 from inercal.errors import InputError
 from inercal.motion import Motion
 from inercal.parameters import Parameter

@@ -37,7 +37,7 @@ from inercal.frames import exp_so3, left_jacobian, skew
 from inercal.plan import Attitude, Spin
 
 if TYPE_CHECKING:
-    from inercal.benches.centrifuge import Centrifuge
+    from inercal.benches.centrifuge.bench import Centrifuge
 
 Array = NDArray[np.float64]
 

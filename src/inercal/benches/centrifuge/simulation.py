@@ -11,9 +11,9 @@ from math import atan2, cos, sin
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.arm import directions, felt_vector, positions
-from inercal.benches.centrifuge import Centrifuge
-from inercal.benches.simulate import Performance
+from inercal.benches.centrifuge.arm import directions, felt_vector, positions
+from inercal.benches.centrifuge.bench import Centrifuge
+from inercal.benches.contract import SimulatedMotion
 from inercal.frames import exp_so3
 from inercal.motion import Motion
 from inercal.plan import Spin
@@ -30,7 +30,7 @@ def perform_on_arm(
     rate_hz: float,
     rng: np.random.Generator,
     trials: int = 1,
-) -> tuple[Performance, dict[str, Array]]:
+) -> SimulatedMotion:
     """Return the motion of each trial, and what the bench reads back.
 
     It reads back "arm_rate", rad/s, and the angles of the two-axis head, "psi" and "theta", rad,
@@ -78,7 +78,7 @@ def perform_on_arm(
     time = np.arange(len(labels)) / rate_hz
     rate, psi, theta = np.concatenate(said, axis=1)
     readback = {"arm_rate": rate, "psi": psi, "theta": theta}
-    return Performance(time, motion, np.array(labels), drawn), readback
+    return SimulatedMotion(time, motion, np.array(labels), drawn, readback)
 
 
 def seconds_on_arm(step: Spin) -> float:

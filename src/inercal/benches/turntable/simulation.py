@@ -12,10 +12,10 @@ from math import ceil, degrees, pi
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.simulate import Performance
-from inercal.benches.table_moves import Course, follow, move
-from inercal.benches.turntable import Turntable
-from inercal.benches.turntable_attitude import motion, readback
+from inercal.benches.contract import SimulatedMotion
+from inercal.benches.turntable.attitude import motion, readback
+from inercal.benches.turntable.bench import Turntable
+from inercal.benches.turntable.moves import Course, follow, move
 from inercal.errors import InputError
 from inercal.io.table import blocks
 from inercal.motion import Motion
@@ -128,7 +128,7 @@ def perform_on_turntable(
     rng: np.random.Generator,
     trials: int = 1,
     readback_hz: float | None = None,
-) -> tuple[Performance, dict[str, Array]]:
+) -> SimulatedMotion:
     """Return the motion of each trial, and what the table reads back of each axis.
 
     Parameters
@@ -147,9 +147,9 @@ def perform_on_turntable(
 
     Returns
     -------
-    Performance
-    dict of str to (trials, n) array
-        By the name of the axis, such as "outer": angle, rad, which counts on beyond whole turns.
+    SimulatedMotion
+        Its readback is (trials, n), by the name of the axis, such as "outer": angle, rad, which
+        counts on beyond whole turns.
 
     Raises
     ------
@@ -170,8 +170,8 @@ def perform_on_turntable(
             made = motion(bench, *way.at(time[part]), q)
             f[k, part], w[k, part], dw[k, part] = made.f, made.w, made.dw
         said[k] = _said(bench, way, stamps, time, q, rng)
-    performance = Performance(time, Motion(f, w, dw), labels, drawn)
-    return performance, {name: said[..., i] for i, name in enumerate(bench.names)}
+    readback = {name: said[..., i] for i, name in enumerate(bench.names)}
+    return SimulatedMotion(time, Motion(f, w, dw), labels, drawn, readback)
 
 
 def _said(

@@ -30,7 +30,7 @@ from math import isfinite, pi
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.arm import directions
+from inercal.benches.centrifuge.arm import directions
 from inercal.benches.contract import MeanMotion
 from inercal.benches.forces import Felt
 from inercal.errors import InputError

@@ -26,7 +26,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from inercal.benches.turntable import Turntable
+from inercal.benches.turntable.bench import Turntable
 from inercal.earth import earth_rate_up_north
 from inercal.errors import InputError
 from inercal.motion import Motion

@@ -1,0 +1,51 @@
+"""A precision centrifuge, as a kind of bench."""
+
+from collections.abc import Sequence
+from math import degrees
+
+import numpy as np
+
+from inercal.benches.centrifuge.bench import Centrifuge
+from inercal.benches.centrifuge.simulation import perform_on_arm, seconds_on_arm
+from inercal.benches.contract import Effect, Kind, Simulated
+from inercal.plan import Spin
+from inercal.sensors import G0, Sensor
+from inercal.units import Measured
+
+_NONE = Measured(0.0, 0.0)
+
+
+def _simulate(
+    bench: Centrifuge,
+    steps: Sequence[Spin],
+    rate_hz: float,
+    rng: np.random.Generator,
+    trials: int,
+    sensor: Sensor,
+    carried: bool,
+) -> Simulated:
+    return Simulated(perform_on_arm(bench, steps, rate_hz, rng, trials), sensor)
+
+
+def _seconds(bench: Centrifuge, steps: Sequence[Spin]) -> float:
+    return sum(seconds_on_arm(step) for step in steps)
+
+
+def _refuses_budget(bench: Centrifuge, steps: Sequence[Spin]) -> str:
+    if bench.platform == "locked":
+        return ""
+    return "a budget of a counter-rotating platform is not there: simulate its runs instead"
+
+
+KIND = Kind(
+    "centrifuge",
+    Centrifuge,
+    (Spin,),
+    _simulate,
+    _seconds,
+    effects=(
+        Effect("earth's rate", "latitude", _NONE, "° of latitude", degrees(1)),
+        Effect("stretch of the arm", "stretch", _NONE, "ppm/g", 1e6 * G0),
+    ),
+    refuses_budget=_refuses_budget,
+)

@@ -1,0 +1,39 @@
+"""Bare hands, as a kind of bench."""
+
+from collections.abc import Sequence
+from math import degrees
+
+import numpy as np
+
+from inercal.benches.contract import Effect, Kind, Simulated
+from inercal.benches.hand.bench import Hand
+from inercal.benches.hand.simulation import perform
+from inercal.plan import HandStep, Hold, Turn
+from inercal.sensors import Sensor
+
+
+def _simulate(
+    bench: Hand,
+    steps: Sequence[HandStep],
+    rate_hz: float,
+    rng: np.random.Generator,
+    trials: int,
+    sensor: Sensor,
+    carried: bool,
+) -> Simulated:
+    return Simulated(perform(bench, steps, rate_hz, rng, trials, carried=carried), sensor)
+
+
+def _seconds(bench: Hand, steps: Sequence[HandStep]) -> float:
+    return sum(step.seconds for step in steps)
+
+
+KIND = Kind(
+    "hand",
+    Hand,
+    (Hold, Turn),
+    _simulate,
+    _seconds,
+    # At the equator the earth does not turn about the vertical.
+    effects=(Effect("earth's rate", "latitude", 0.0, "° of latitude", degrees(1), on_rates=True),),
+)

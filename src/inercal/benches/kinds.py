@@ -1,0 +1,35 @@
+"""Kinds of benches by name."""
+
+from typing import Any
+
+from inercal.benches.contract import Bench, Kind
+from inercal.errors import InputError
+from inercal.registry import Registry
+
+KINDS: Registry[Kind[Any]] = Registry(
+    "inercal.benches",
+    "kind of bench",
+    {
+        name: f"inercal.benches.{name}.kind:KIND"
+        for name in ("hand", "centrifuge", "dividing_head", "rate_table", "turntable")
+    },
+)
+
+
+def named(bench: type[Any]) -> str:
+    """Return the name of the kind that has this class of bench; the class's own if none has."""
+    return next((name for name, kind in KINDS.items() if kind.bench is bench), bench.__name__)
+
+
+def kind_of(bench: Bench) -> Kind[Any]:
+    """Return the kind of a bench that was made without a run file.
+
+    Raises
+    ------
+    InputError
+        No kind has its class.
+    """
+    for kind in KINDS.values():
+        if isinstance(bench, kind.bench):
+            return kind
+    raise InputError(f"{type(bench).__name__} is no kind of bench; there are {', '.join(KINDS)}")

@@ -1,0 +1,62 @@
+"""A turntable of one to three axes, as a kind of bench."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches.contract import Kind, Simulated
+from inercal.benches.turntable.bench import Turntable
+from inercal.benches.turntable.simulation import perform_on_turntable, seconds_on_turntable
+from inercal.plan import Position, Rotation, TableStep
+from inercal.sensors import Noise, Sensor
+
+
+def _simulate(
+    bench: Turntable,
+    steps: Sequence[TableStep],
+    rate_hz: float,
+    rng: np.random.Generator,
+    trials: int,
+    sensor: Sensor,
+    carried: bool,
+) -> Simulated:
+    done = perform_on_turntable(bench, steps, rate_hz, rng, trials)
+    return Simulated(done, *_flickering(sensor, done.motion.f.shape[:-1], rate_hz, rng))
+
+
+def _flickering(
+    sensor: Sensor, shape: tuple[int, ...], rate_hz: float, rng: np.random.Generator
+) -> tuple[Sensor, NDArray[np.float64]]:
+    """Return a sensor without flicker, and the flicker of its biases about the mean, SI.
+
+    The methods on a turntable find the mean over the run (`methods.turntable.drift`): it is in the
+    truth. A Gauss–Markov drift has a mean of its own, and stays in the sensor's noise.
+    """
+    drift = np.zeros((*shape, len(sensor.axes)))
+    axes = list(sensor.axes)
+    for k, axis in enumerate(sensor.axes):
+        if axis.noise.bias_instability and not axis.noise.correlation:
+            alone = Noise(bias_instability=axis.noise.bias_instability)
+            drift[..., k] = alone.draw(rng, shape, rate_hz)
+            axes[k] = replace(axis, noise=replace(axis.noise, bias_instability=0.0))
+    drift -= drift.mean(axis=-2, keepdims=True)
+    return replace(sensor, axes=tuple(axes)), drift
+
+
+def _refuses_budget(bench: Turntable, steps: Sequence[TableStep]) -> str:
+    return (
+        "a budget is of means, and a turntable's filters follow every sample: inercal plan "
+        "turntable-kalman says what a path gives"
+    )
+
+
+KIND = Kind(
+    "turntable",
+    Turntable,
+    (Position, Rotation),
+    _simulate,
+    seconds_on_turntable,
+    refuses_budget=_refuses_budget,
+)
