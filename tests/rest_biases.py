@@ -29,14 +29,15 @@ class RestMean:
     """The recursive mean over all samples at rest."""
 
     def __init__(self, sensor: Sensor, bench: Turntable, rate_hz: float):
-        self._sensor, self._bench = sensor, bench
-        self._variance = np.array([axis.noise.white**2 * rate_hz for axis in sensor.axes])
+        self._gyros, self._bench = sensor.only("w"), bench
+        self._at = [sensor.channels.index(name) for name in self._gyros.channels]
+        self._variance = np.array([axis.noise.white**2 * rate_hz for axis in self._gyros.axes])
         self._mean = self._sensed = np.zeros(_AXES)
         self._hold, self._n, self._nis = -1, 0, 0.0
 
     def feed(self, track: Track) -> None:
         for hold, angles, reading in zip(
-            track.hold.tolist(), track.angles, track.reading, strict=True
+            track.hold.tolist(), track.angles, track.reading[:, self._at], strict=True
         ):
             if hold < 0:
                 continue
@@ -52,13 +53,13 @@ class RestMean:
         if self._n < _LEAST:
             return {}
         covariance = np.diag(self._variance / self._n)
-        names, components = self._sensor.coefficients, _AXES * (self._n - 1)
+        names, components = self._gyros.coefficients, _AXES * (self._n - 1)
         return {"all": PartialEstimate(names, self._mean, covariance, self._nis, components)}
 
     def _at_rest(self, angles: np.ndarray) -> np.ndarray:
         still = np.zeros((1, angles.size))
         sensed = motion(self._bench, angles[None], still, still, {})
-        return self._sensor.forward(sensed, np.zeros(len(self._sensor.coefficients)))[0]
+        return self._gyros.forward(sensed, np.zeros(_AXES))[0]
 
 
 def sequential(
@@ -107,8 +108,8 @@ def rest_mean(
 METHOD = Method(
     name="rest_biases",
     bench=Turntable,
-    finds={"w": ("bias",)},
-    needs=("w",),
+    finds={"f": (), "w": ("bias",)},
+    needs=("f", "w"),
     plan=named,
     estimators={"mean": rest_mean},
     source="a test",

@@ -72,6 +72,20 @@ def test_a_method_without_live_estimates_promises_none(page: Page, scripted: Scr
     expect(page.locator("#course")).to_be_hidden()
 
 
+def test_of_a_method_that_estimates_too_little_to_navigate_by_no_navigation_is_shown(
+    page: Page, scripted: Scripted
+):
+    none = dict.fromkeys(messages.NAVIGATED)
+    only = {"live": "on", "attitude": {"table": messages.matrix(30.0), **none}}
+    found = messages.estimates(30.0) | {"nis": {"all": 1.03}}
+    opened(page, scripted, messages.plan(), found, messages.state(30.0, **only))
+    expect(page.get_by_text(re.compile(r"NIS, all axes 1\.03: "))).to_be_visible()
+    expect(page.get_by_role("button", name=re.compile(r"^ax\.k0: [−\d.]+ ± "))).to_be_visible()
+    expect(page.get_by_text("only the table's attitude is shown")).to_be_visible()
+    expect(page.get_by_role("img", name="Attitude by the IMU's readings")).to_be_hidden()
+    expect(page.locator("#course")).to_be_visible()
+
+
 def test_the_arrows_choose_the_coefficient_whose_course_is_shown(page: Page, scripted: Scripted):
     running(page, scripted)
     tabbed_to(page, "ax.k0:")
