@@ -70,11 +70,9 @@ def test_its_live_estimate_is_that_of_the_recording_to_the_last_bit(whole: Whole
     live, run, track = whole.ended.run.account.live, whole.run, whole.track
     assert live is not None
     assert run.rate_hz is not None
+    assert isinstance(run.bench, Turntable)
     for length in (track.time.size, PIECE):
-        after = rest_biases.METHOD.sequential
-        assert after is not None
-        assert isinstance(run.bench, Turntable)
-        again = after(run.estimator, run.sensor, run.bench, run.table_steps, (), run.rate_hz)
+        again = rest_biases.RestMean(run.sensor, run.bench, run.rate_hz)
         for start in range(0, track.time.size, length):
             again.feed(track.slice(start, min(start + length, track.time.size)))
         assert bits(live.found) == bits(again.estimate())
