@@ -20,7 +20,7 @@ def test_a_run_is_shown_with_its_numbers_and_units(page: Page, scripted: Scripte
     expect(axes.get_by_role("row", name=re.compile("inner"))).to_contain_text("120.0000")
     expect(page.locator("#imu-facts")).to_contain_text("20000")
     expect(page.locator("#imu-facts")).to_contain_text("25.1 °C")
-    expect(page.get_by_text(re.compile(r"NIS of the filters.*gyros 1\.02"))).to_be_visible()
+    expect(page.get_by_text(re.compile(r"NIS, .*gyros 1\.02"))).to_be_visible()
     expect(
         page.get_by_role("button", name=re.compile(r"^ax\.k0: [−\d.]+ ± [\d.]+ µg"))
     ).to_be_visible()
@@ -29,10 +29,12 @@ def test_a_run_is_shown_with_its_numbers_and_units(page: Page, scripted: Scripte
     expect(page.locator("#attitude-numbers")).to_contain_text("strapdown matrix")
 
 
-def test_before_the_filters_begin_the_tables_attitude_is_shown(page: Page, scripted: Scripted):
+def test_before_anything_is_estimated_the_tables_attitude_is_shown(page: Page, scripted: Scripted):
     running(page, scripted, time=12.0)
-    expect(page.get_by_text("The filters begin after 20 s of rest.")).to_be_visible()
-    expect(page.get_by_text("The navigation is shown once the filters")).to_be_visible()
+    expect(
+        page.get_by_text("Nothing is estimated yet: the method needs more samples.")
+    ).to_be_visible()
+    expect(page.get_by_text("The navigation is shown once")).to_be_visible()
     heading = page.locator("#attitude-numbers").get_by_role("row", name="heading")
     expect(heading).to_have_text(re.compile(r"^heading\d+\.\d{3}—$"))
 
@@ -63,11 +65,25 @@ def test_a_method_without_live_estimates_promises_none(page: Page, scripted: Scr
     opened(page, scripted, messages.plan(), messages.state(30.0, **only))
     expect(page.get_by_text("By this method nothing is estimated live")).to_be_visible()
     expect(page.get_by_text("only the table's attitude is shown")).to_be_visible()
-    expect(page.get_by_text("The filters begin after")).to_have_count(0)
+    expect(page.get_by_text("Nothing is estimated yet")).to_have_count(0)
     expect(page.get_by_role("img", name="Attitude by the table")).to_be_visible()
     expect(page.get_by_role("img", name="Attitude by the IMU's readings")).to_be_hidden()
     expect(page.get_by_text("strapdown matrix")).to_be_hidden()
     expect(page.locator("#course")).to_be_hidden()
+
+
+def test_of_a_method_that_estimates_too_little_to_navigate_by_no_navigation_is_shown(
+    page: Page, scripted: Scripted
+):
+    none = dict.fromkeys(messages.NAVIGATED)
+    only = {"live": "on", "attitude": {"table": messages.matrix(30.0), **none}}
+    found = messages.estimates(30.0) | {"nis": {"all": 1.03}}
+    opened(page, scripted, messages.plan(), found, messages.state(30.0, **only))
+    expect(page.get_by_text(re.compile(r"NIS, all axes 1\.03: "))).to_be_visible()
+    expect(page.get_by_role("button", name=re.compile(r"^ax\.k0: [−\d.]+ ± "))).to_be_visible()
+    expect(page.get_by_text("only the table's attitude is shown")).to_be_visible()
+    expect(page.get_by_role("img", name="Attitude by the IMU's readings")).to_be_hidden()
+    expect(page.locator("#course")).to_be_visible()
 
 
 def test_the_arrows_choose_the_coefficient_whose_course_is_shown(page: Page, scripted: Scripted):

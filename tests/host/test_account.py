@@ -1,15 +1,25 @@
 """The account of a run that goes on: what was said before the interruption is not said again."""
 
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+from tests import rest_biases
 from tests.host.bench_log import LAYOUT, PATH, Bench, Faults, run_file
 
+from inercal.benches import Turntable
+from inercal.estimate import Gaussian
 from inercal.host.account import Account
 from inercal.host.folder import Folder, begin
 from inercal.host.journal import Journal
 from inercal.host.log import Frame, Log
+from inercal.methods import METHODS, PartialEstimate
+from inercal.plan import TableStep
 from inercal.runfile import read
+from inercal.sensors import Sensor
 
 ADDRESSES = (
     "pmac://10.0.0.5:1025?motors=1,2,3&counts=3600000",
@@ -57,6 +67,71 @@ def test_live_estimation_waits_or_is_not_the_methods(tmp_path: Path, method: str
     folder, journal = begin(tmp_path / "run", read(run.path), ADDRESSES)
     with journal, Account(folder, journal, LAYOUT) as account:
         assert account.estimation == stands
+
+
+class Half(rest_biases.RestMean):
+    """A sequential estimator that knows one coefficient and no other."""
+
+    def estimate(self) -> Mapping[str, PartialEstimate]:
+        return {
+            part: PartialEstimate(one.names[:1], one.value[:1], one.covariance[:1, :1], 0.0, 0)
+            for part, one in super().estimate().items()
+        }
+
+
+class Faulty(rest_biases.RestMean):
+    """A sequential estimator with a mistake."""
+
+    def estimate(self) -> Mapping[str, PartialEstimate]:
+        return {part: {}[part] for part in super().estimate()}
+
+
+@contextmanager
+def followed(
+    folder: Path, frames: list[Frame], made: type[rest_biases.RestMean]
+) -> Generator[Account]:
+    """Give the account of a run by a method from outside that is followed by such an estimator."""
+
+    def estimator_of(
+        estimator: str,
+        sensor: Sensor,
+        bench: Turntable,
+        steps: Sequence[TableStep],
+        priors: Sequence[Gaussian],
+        rate_hz: float,
+    ) -> rest_biases.RestMean:
+        return made(sensor, bench, rate_hz)
+
+    method = replace(rest_biases.METHOD, sequential=estimator_of)
+    with METHODS.with_("rest_biases", method):
+        run = run_file(folder, LONG, **{'"turntable_kalman"': '"rest_biases"'})
+        left, journal = begin(folder / "run", run, ADDRESSES)
+        with journal, Account(left, journal, LAYOUT) as account:
+            go_on(account, frames)
+            account.work(frames[-1].time)
+            yield account
+
+
+def test_nothing_is_navigated_before_all_coefficients_are_estimated(
+    tmp_path: Path, logged: list[Frame]
+):
+    for made, navigated in ((Half, False), (rest_biases.RestMean, True)):
+        (tmp_path / made.__name__).mkdir()
+        with followed(tmp_path / made.__name__, logged, made) as account:
+            assert account.estimation == "on"
+            assert account.live is not None
+            assert np.isfinite(account.live.values).tolist() == [True, navigated, navigated]
+            assert (account.navigation is not None) == navigated
+
+
+def test_a_mistake_of_a_method_from_outside_ends_its_estimate_and_not_the_run(
+    tmp_path: Path, logged: list[Frame]
+):
+    with followed(tmp_path, logged, Faulty) as account:
+        assert account.estimation == "ended"
+        assert account.assembly.tally.samples > 10_000
+        ends = [words for _, words in account.said if words.startswith("live estimation ends")]
+        assert ends == ["live estimation ends: KeyError: 'all'"]
 
 
 def test_what_was_said_before_an_interruption_is_not_said_again(

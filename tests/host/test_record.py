@@ -1,11 +1,13 @@
 """The recording of a run: columns as [data] has them, the bench's own words beside them."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 import pytest
+from tests import rest_biases
 from tests.host.bench_log import LAYOUT, PATH, Bench, Faults, run_file
 
 from inercal.benches import Turntable
@@ -14,6 +16,7 @@ from inercal.host.assembly import Assembly
 from inercal.host.log import Log, digest, frames
 from inercal.host.packets import read_layout
 from inercal.host.record import require_recordable, write
+from inercal.methods import METHODS
 from inercal.pipeline import load_recording
 from inercal.pipeline.turntable import gather
 from inercal.runfile import Run
@@ -120,3 +123,16 @@ def test_packets_without_temperature_are_refused_where_it_has_a_column(tmp_path:
     require_recordable(run, read_layout("xsens"))  # that holds one in some of its packets
     with pytest.raises(InputError, match="packets of 'novatel' have none"):
         require_recordable(run, read_layout("novatel"))
+
+
+def test_columns_are_named_rightly_where_a_method_leaves_the_accelerometers_out(
+    run: Run, folder: Path, tmp_path: Path
+):
+    whole = load_recording(run)
+    only = replace(rest_biases.METHOD, name="of_gyros", finds={"w": ("bias",)}, needs=("w",))
+    with METHODS.with_("of_gyros", only):
+        part = run_file(tmp_path, PATH, **{'"turntable_kalman"': '"of_gyros"'})
+    write(part, LAYOUT, folder / "log", tmp_path)
+    recording = load_recording(part)
+    assert recording.channels == ("gx", "gy", "gz")
+    assert recording.data.tobytes() == np.ascontiguousarray(whole.data[:, 3:]).tobytes()

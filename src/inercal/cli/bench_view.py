@@ -111,7 +111,7 @@ def _imu(run: "BenchRun") -> str:
 
 
 def _found(run: "BenchRun") -> "list[RenderableType]":
-    """Return where the IMU is, and what the filters have found so far."""
+    """Return where the IMU is, and the estimate so far."""
     from rich.table import Table
     from rich.text import Text
 
@@ -119,7 +119,7 @@ def _found(run: "BenchRun") -> "list[RenderableType]":
     if live is None:
         return []
     if not live.begun:
-        return [Text("the filters begin after 20 s of rest")]
+        return [Text("nothing is estimated yet: the method needs more samples")]
     made: list[RenderableType] = []
     if (at := run.account.navigation) is not None:
         made.append(Text(

@@ -1,4 +1,4 @@
-"""What came of a run and what was made of it: log, journal, samples, filters.
+"""What came of a run and what was made of it: log, journal, samples, live estimate.
 
 The log has what an estimate is made of, and is written first; the journal what an operator and a
 resumed run go by. All else follows from the log, live and again: a run that goes on replays it.
@@ -11,6 +11,8 @@ from math import isfinite, nan
 from time import monotonic
 from typing import Literal, Self
 
+import numpy as np
+
 from inercal.benches import Turntable
 from inercal.errors import InercalError
 from inercal.host.assembly import Assembly, Block
@@ -21,9 +23,8 @@ from inercal.host.log import EVENT, Frame, Log, frames
 from inercal.host.navigation import Navigation, Navigator
 from inercal.host.packets import Layout
 from inercal.host.sequencer import Section
-from inercal.methods.turntable_kalman import METHOD
 
-_PIECE, _LONGEST = 0.5, 5.0  # s of the bench that the filters are handed at a time
+_PIECE, _LONGEST = 0.5, 5.0  # s of the bench that are worked through at a time
 _PIECE_WALL = 0.1  # s of the wall's
 _KEPT = 8  # events, and blocks, that are at hand
 _TRIAD = 3
@@ -44,9 +45,10 @@ class Account:
     ----------
     assembly : Assembly
     live : Live or None
-        The filters, where the run file's method is theirs.
+        The estimate, where the run file's method has a sequential estimator.
     navigation : Navigation or None
-        Attitude and velocity by an IMU's corrected readings alone, once the filters are there.
+        Attitude and velocity by an IMU's corrected readings alone, once all of its coefficients
+        are estimated.
     temperature : float
         Of the IMU, K; NaN where it tells none.
     events : int
@@ -66,7 +68,7 @@ class Account:
         run, bench = folder.run, folder.run.bench
         assert isinstance(bench, Turntable)
         self.assembly = Assembly.of(run, layout, journal.header().poll)
-        self._estimates = run.method.name == METHOD.name
+        self._estimates = run.method.sequential is not None
         self.live = Live(run) if self._estimates else None
         whole = all(len(run.sensor.only(kind).axes) == _TRIAD for kind in ("f", "w"))
         self._whole = run.sensor, bench
@@ -86,7 +88,7 @@ class Account:
 
     @property
     def estimation(self) -> Literal["none", "waits", "on", "ended"]:
-        """How live estimation stands: "none" where the run file's method is not the filters'."""
+        """How live estimation stands: "none" where the run file's method has none."""
         if self.live is None:
             return "ended" if self._estimates else "none"
         return "on" if self.live.begun else "waits"
@@ -132,7 +134,7 @@ class Account:
         return came >= _PIECE and (passed >= _PIECE_WALL or came >= _LONGEST)
 
     def work(self, time: float) -> Block | None:
-        """Put together what came, and hand it to the filters; return the samples that are new.
+        """Put together what came, and estimate by it; return the samples that are new.
 
         Raises
         ------
@@ -161,12 +163,14 @@ class Account:
             self._navigator = Navigator(*self._whole)
         try:
             self.live.feed(block)
-            if self.live.begun and self._navigator is not None:
+            if self._navigator is not None and np.isfinite(self.live.values).all():
                 self.navigation = self._navigator.feed(block.track, self.live.values)
-        except (InercalError, ArithmeticError, ValueError) as error:
-            # The recording is what counts: it may be calibrated otherwise.
+        except Exception as error:
+            # The recording is what counts: it may be calibrated otherwise. A method may be another
+            # package's, and whatever it raises must not end a run whose table moves.
             self.live = None
-            words = f"live estimation ends: {error}"
+            what = "" if isinstance(error, InercalError) else f"{type(error).__name__}: "
+            words = f"live estimation ends: {what}{error}"
             # A run that goes on comes to an end that it came to before: then it was said.
             if all(event.words != words for event in self._journal.events()):
                 self.say(time, "warning", words)

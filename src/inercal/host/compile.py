@@ -1,19 +1,28 @@
 """What a run needs is compiled before anything moves, and not while a table waits.
 
-Cold, that is most of a minute on one core: both filters are compiled at once, in two processes.
-Once that is done, on each machine, they are loaded. What is compiled is what is called, with the
-arrays that a run hands it: a rest of the table is polled, sent, assembled and followed here.
+What is compiled is what is called, with the arrays that a run hands it: a rest of the table is
+polled, sent, assembled and followed here, by the sequential estimator of whatever method. Cold,
+that is most of a minute on one core: accelerometers are then followed in another process at the
+same time. Once that is done, on each machine, it is but loaded.
 """
+# Numba has no types.
+# pyright: reportUnknownMemberType=false
 
 import json
 import sys
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from subprocess import DEVNULL, Popen
+from typing import Literal
 
 import numpy as np
+from numba.core import event
 
 from inercal.benches import Turntable
 from inercal.benches.turntable.attitude import motion
+from inercal.errors import InercalError
+from inercal.estimate import Gaussian
 from inercal.host.assembly import Assembly
 from inercal.host.drivers.table import AxisLimits, AxisState, TableState
 from inercal.host.interlocks import Interlocks
@@ -22,21 +31,19 @@ from inercal.host.navigation import Navigator
 from inercal.host.packets import Layout, encode
 from inercal.host.packets.picture import AXES
 from inercal.host.states import pack
-from inercal.methods.turntable.model import COARSE
-from inercal.methods.turntable_kalman import METHOD
-from inercal.methods.turntable_kalman._accelerometers import accelerometers as kernel
-from inercal.methods.turntable_kalman.follow import WAYS, accelerometers, gyros
 from inercal.pipeline.turntable.run import settling
 from inercal.recording import Track
 from inercal.runfile import Run, read
-from inercal.sensors import G0
+from inercal.sensors import G0, Sensor
 
 _RATE = 10.0  # Hz
+_REST = 22.0  # s, longer than a sequential estimator should wait before it begins
 _POLL = 0.02  # s
 _TIED = 7.0  # s, after which the clocks are tied to one another
 _AFTER = 2.0  # s that follow in a piece of their own
 _TRIAD = 3
 _ROOM = 298.15  # K
+_LAST = 10  # samples of the rest that are followed by themselves
 
 
 def compiled(run: Run, layout: Layout | None = None) -> None:
@@ -54,9 +61,9 @@ def compiled(run: Run, layout: Layout | None = None) -> None:
     InputError
         Packets that do not go with the run file.
     """
-    if run.method.name == METHOD.name and run.estimator in WAYS:
-        _filters(run)
-    tracks = [_rest(run)] if layout is None else _assembled(run, layout)
+    if run.method.sequential is not None:
+        _sequential(run)
+    tracks = [_rest(run.sensor, _table(run))] if layout is None else _assembled(run, layout)
     table = _table(run)
     checks = Interlocks((AxisLimits(),) * len(table.names), table, run.sensor)
     for track in tracks:
@@ -67,36 +74,62 @@ def compiled(run: Run, layout: Layout | None = None) -> None:
             navigator.feed(track, np.zeros(len(run.sensor.coefficients)))
 
 
-def _filters(run: Run) -> None:
-    """Have both filters follow a rest, each compiled in a process of its own."""
-    kinds = {axis.measures for axis in run.sensor.axes}
-    command = [sys.executable, "-P", "-m", "inercal.host.compile", str(run.path)]
-    both = len(kinds) > 1 and not _kept()
-    other = Popen(command, stdin=DEVNULL, stdout=DEVNULL, stderr=DEVNULL) if both else None
-    if "w" in kinds:
-        _follow(run, "w")
-    if other is not None:
+def _sequential(run: Run) -> None:
+    """Have the run's sequential estimator follow a rest, in two processes where it compiles."""
+    sensor = run.sensor
+    if len({axis.measures for axis in sensor.axes}) > 1:
+        other = _OtherProcess(run)
+        event.register("numba:compile", other)
+        try:
+            _follow_part(run, "w")
+        finally:
+            event.unregister("numba:compile", other)
         other.wait()
-    if "f" in kinds:
-        _follow(run, "f")
+    _follow(run, sensor, run.priors)
 
 
-def _kept() -> bool:
-    """Tell whether a filter was compiled before on this machine, so that it is but loaded."""
-    folder = kernel.stats.cache_path
-    return folder is not None and any(Path(folder).glob(f"*.{kernel.__name__}-*.nbi"))
+class _OtherProcess(event.Listener):
+    """Follows the accelerometers from when something here is compiled and not loaded."""
+
+    def __init__(self, run: Run):
+        self._run = run
+        self._process: Popen[bytes] | None = None
+
+    def on_start(self, event: object) -> None:
+        if self._process is None:
+            command = [sys.executable, "-P", "-m", "inercal.host.compile", str(self._run.path)]
+            self._process = Popen(command, stdin=DEVNULL, stdout=DEVNULL, stderr=DEVNULL)
+
+    def on_end(self, event: object) -> None:
+        pass
+
+    def wait(self) -> None:
+        """Wait for its end: what it compiled is then loaded here."""
+        if self._process is not None:
+            self._process.wait()
 
 
-def _follow(run: Run, kind: str) -> None:
-    """Have a filter follow a table that rests."""
-    filtered = gyros if kind == "w" else accelerometers
-    way = WAYS[run.estimator]
-    filtered(run.sensor, _table(run), _rest(run), way, run.priors, smooth=True)
+def _follow_part(run: Run, kind: Literal["f", "w"]) -> None:
+    """Follow a part of the sensor; a method that takes the sensor as a whole may refuse that."""
+    with suppress(InercalError):
+        _follow(run, run.sensor.only(kind), ())
+
+
+def _follow(run: Run, sensor: Sensor, priors: Sequence[Gaussian]) -> None:
+    """Follow a table that rests, in two pieces: an estimator begins with the first."""
+    assert run.method.sequential is not None
+    table = _table(run)
+    track = _rest(sensor, table)
+    n = track.time.size
+    made = run.method.sequential(run.estimator, sensor, table, run.steps, priors, _RATE)
+    for piece in (track.slice(0, n - _LAST), track.slice(n - _LAST, n)):
+        made.feed(piece)
+        made.estimate()
 
 
 def _assembled(run: Run, layout: Layout) -> list[Track]:
     """Return what is assembled of a rest, in two pieces."""
-    lasting = _TIED + COARSE + 3 * settling(_table(run)) + 2 * _AFTER
+    lasting = _TIED + _REST + 3 * settling(_table(run)) + _AFTER
     made, frames = Assembly.of(run, layout, _POLL), _frames(run, layout, lasting)
     tracks: list[Track] = []
     for early in (True, False):
@@ -153,13 +186,13 @@ def _table(run: Run) -> Turntable:
     return run.bench
 
 
-def _rest(run: Run) -> Track:
-    time = np.arange(0.0, COARSE + 2.0, 1 / _RATE)
+def _rest(sensor: Sensor, table: Turntable) -> Track:
+    time = np.arange(0.0, _REST, 1 / _RATE)
     n, felt = time.size, {"f": (0.0, 0.0, G0), "w": (0.0, 0.0, 0.0)}
-    reading = [felt[axis.measures][k % 3] for k, axis in enumerate(run.sensor.axes)]
-    angles = np.zeros((n, len(_table(run).names)))
+    reading = [felt[axis.measures][k % 3] for k, axis in enumerate(sensor.axes)]
+    angles = np.zeros((n, len(table.names)))
     return Track(time, np.tile(reading, (n, 1)), angles, np.zeros(n, dtype=np.int64))
 
 
 if __name__ == "__main__":
-    _follow(read(Path(sys.argv[1])), "f")
+    _follow_part(read(Path(sys.argv[1])), "f")

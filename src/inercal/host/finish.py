@@ -87,7 +87,8 @@ def _compare(journal: Journal, live: Live, outcome: Outcome) -> None:
     """Keep how what was found while it ran agrees with what the recording gives."""
     names = outcome.estimate.names
     found = np.array([outcome.estimate.value[names.index(name)] for name in live.names])
-    apart = float(np.max(np.abs(np.array(live.values) - found)))
+    known = np.isfinite(live.values)
+    apart = float(np.max(np.abs(live.values - found)[known], initial=0.0))
     words = (
         "what was found live is what the recording gives, to the last bit"
         if apart == 0

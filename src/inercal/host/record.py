@@ -179,11 +179,12 @@ def _columns(run: Run, assembly: Assembly, blocks: list[Block]) -> dict[str, NDA
     output = np.concatenate([one.output for one in blocks])
     said = np.concatenate([one.said for one in blocks])
     table = np.concatenate([one.table for one in blocks])
-    names = [*data.accelerometer, *data.gyro]
+    given = {"f": iter(data.accelerometer), "w": iter(data.gyro)}
+    names = [next(given[axis.measures]) for axis in run.sensor.axes]
     of_table = [readback_columns(run)[name] for name in bench.names]
     columns: dict[str, NDArray[Any]] = {
         str(data.time): np.concatenate([one.time for one in blocks]),
-        **{str(name): output[:, k] for k, name in enumerate(names[: output.shape[1]])},
+        **{str(name): output[:, k] for k, name in enumerate(names)},
         **{name: said[:, k] for k, name in enumerate(of_table)},
         str(data.label): assembly.labels(table),
         str(data.hold): np.concatenate([one.hold for one in blocks]),

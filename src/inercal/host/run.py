@@ -4,9 +4,9 @@ Every 20 ms of the bench's time, every 80 ms while the table holds its place::
 
     clock -> table's state and IMU's bytes -> log -> interlocks -> sequencer -> table, log, journal
 
-and now and then what came is assembled, and both filters make their steps of it. What an estimate
-is made of is in the log: a run that was interrupted replays it, and repeats the step that was in
-hand whole.
+and now and then what came is assembled, and the sequential estimator of the method, if it has one,
+is fed with it. What an estimate is made of is in the log: a run that was interrupted replays it,
+and repeats the step that was in hand whole.
 
 On any way out the table comes to rest: by the sequencer, or by the watchdog (`guard`), a process of
 its own with its own connection. Both are software; the hardware interlock is the safety function.

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from inercal.methods._base import Method
+from inercal.methods._base import Method, PartialEstimate, Sequential, SequentialEstimator
 from inercal.registry import Registry
 
 METHODS: Registry[Method[Any, Any]] = Registry(
@@ -38,4 +38,11 @@ def method(name: str) -> Method[Any, Any]:
     return METHODS.find(name.replace("-", "_"))
 
 
-__all__ = ["METHODS", "Method", "method"]
+__all__ = [
+    "METHODS",
+    "Method",
+    "PartialEstimate",
+    "Sequential",
+    "SequentialEstimator",
+    "method",
+]

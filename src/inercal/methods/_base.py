@@ -2,13 +2,17 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Generic, Literal, Protocol, TypeVar
+from typing import Generic, Literal, NamedTuple, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian
-from inercal.recording import Observations
+from inercal.recording import Observations, Track
 from inercal.sensors import Sensor
 
+Array = NDArray[np.float64]
 Kind = Literal["f", "w"]
 _WORDS = {"f": "accelerometers", "w": "gyros"}
 Bench = TypeVar("Bench")
@@ -29,6 +33,83 @@ class Estimator(Protocol[BenchIn, StepIn]):
         priors: Sequence[Gaussian] = (),
     ) -> Estimate:
         """Return the estimate; raise NotObserved where the data do not support it."""
+        ...
+
+
+class PartialEstimate(NamedTuple):
+    """What the samples so far say of a part of the sensor.
+
+    Parameters
+    ----------
+    names : tuple of p str
+        Coefficients of the part, "gx.bias".
+    value : (p,) array
+        SI.
+    covariance : (p, p) array
+        SI.
+    nis : float
+        Sum of the innovations' squares, normalised by what was stated of them.
+    components : int
+        How many innovations that is of.
+    """
+
+    names: tuple[str, ...]
+    value: Array
+    covariance: Array
+    nis: float
+    components: int
+
+
+class Sequential(Protocol):
+    """A sequential estimator that follows one run.
+
+    A run as it goes on and its recording afterwards are the same samples in pieces of different
+    lengths; the estimate is the same to the last bit.
+    """
+
+    def feed(self, track: Track) -> None:
+        """Take in the samples that follow; raise InputError where they cannot be followed."""
+        ...
+
+    def estimate(self) -> Mapping[str, PartialEstimate]:
+        """Return the estimate by part: "f" and "w", or "all" where the axes are estimated together.
+
+        It is empty until there are enough samples to begin with.
+        """
+        ...
+
+
+class SequentialEstimator(Protocol[BenchIn, StepIn]):
+    """Begins a sequential estimator of a run."""
+
+    def __call__(
+        self,
+        estimator: str,
+        sensor: Sensor,
+        bench: BenchIn,
+        steps: Sequence[StepIn],
+        priors: Sequence[Gaussian],
+        rate_hz: float,
+    ) -> Sequential:
+        """Return the estimator before the first sample.
+
+        Parameters
+        ----------
+        estimator : str
+            Name of one of the method's.
+        sensor : Sensor
+        bench : Bench
+        steps : sequence of steps
+            As planned: how long the run will last may decide which states there are.
+        priors : sequence of Gaussian
+        rate_hz : float
+            Samples per second.
+
+        Raises
+        ------
+        InputError
+            An estimator, a sensor or a prior that cannot be followed.
+        """
         ...
 
 
@@ -57,6 +138,8 @@ class Method(Generic[Bench, Step]):
         Whether attitudes are free: rests are found and named by themselves, not from the plan.
     framed : tuple of str
         Estimators of norms, which see no rotation of the triad: its frame may be stated.
+    sequential : callable or None
+        Begins the estimation of a run while it goes on; None where there is none.
     """
 
     name: str
@@ -69,6 +152,7 @@ class Method(Generic[Bench, Step]):
     also: Mapping[Kind, tuple[str, ...]] = field(default_factory=dict[Kind, tuple[str, ...]])
     free: bool = False
     framed: tuple[str, ...] = ()
+    sequential: SequentialEstimator[Bench, Step] | None = None
 
     def prepare(
         self, sensor: Sensor, coefficients: Sequence[str] = (), also: Sequence[str] = ()

@@ -75,7 +75,7 @@ class Block(NamedTuple):
 
     @property
     def track(self) -> Track:
-        """What the filters follow."""
+        """What a sequential estimator follows."""
         return Track(self.time, self.reading, self.angles, self.hold)
 
 

@@ -1,6 +1,6 @@
 """Sections of a run by the table's clock: where it holds, and what samples are called.
 
-The recording begins with the first section. The filters begin with its rest: where that is
+The recording begins with the first section. Estimation begins with its rest: where that is
 interrupted before it lasted `COARSE`, the recording begins anew with the section's repetition.
 """
 

@@ -24,6 +24,7 @@ from inercal.benches.turntable.paths import named as named_path
 from inercal.estimate import Estimate, Gaussian
 from inercal.methods._base import Method
 from inercal.methods.turntable_kalman.follow import WAYS, followed
+from inercal.methods.turntable_kalman.sequential import sequential
 from inercal.plan import TableStep
 from inercal.recording import Observations
 from inercal.sensors import Sensor
@@ -91,4 +92,5 @@ METHOD = Method(
     plan=named_path,
     estimators={"full": full, "drift": drift, "paper": paper},
     source="Liu, Cui, Zhang and Xu, North University of China (MIMU on a turntable)",
+    sequential=sequential,
 )

@@ -96,7 +96,7 @@ def accelerometers(
     steps: Steps,
     history: Array,
 ) -> float:
-    """Run the accelerometers' filter over a piece of a recording; return the sum of NIS.
+    """Run the accelerometers' filter over a piece of a recording; return the sum of NIS so far.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def accelerometers(
     _felt(model, state, done)
     drawn, driven, z, joint = np.zeros(n), np.zeros((6, 6)), np.zeros(5), np.zeros((components, 3))
     # A literal 0 would have `_carry` compiled a second time, for itself.
-    total, first = 0.0, int(np.int64(0))
+    total, first = state.nis, int(np.int64(0))
     for e in range(readback.epochs.size):
         row = e % len(steps.s)
         a, keep, h, gain = steps.a[row], steps.keep[row], steps.h[row], steps.gain[row]

@@ -70,7 +70,7 @@ def gyros(
     steps: Steps,
     history: Array,
 ) -> float:
-    """Run the gyros' filter over a piece of a recording; return the sum of NIS.
+    """Run the gyros' filter over a piece of a recording; return the sum of NIS so far.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def gyros(
     joint = np.zeros((components, 3))
     drawn, driven = np.zeros(n), np.zeros((3, 3))
     # A literal 0 would have `_carry` compiled a second time, for itself.
-    total, first = 0.0, int(np.int64(0))
+    total, first = state.nis, int(np.int64(0))
     for e in range(readback.epochs.size):
         row = e % len(steps.s)
         a, keep, h, gain = steps.a[row], steps.keep[row], steps.h[row], steps.gain[row]

@@ -196,7 +196,7 @@ class Accelerometers:
             history,
         )
         taken = int((history[:, 5] > 0).sum())
-        after = after._replace(nis=state.nis + nis, epochs=state.epochs + taken)
+        after = after._replace(nis=nis, epochs=state.epochs + taken)
         made = course(
             self.part, "accelerometers", self.states, smooth, track.time[epochs], history, steps,
             after,

@@ -231,7 +231,7 @@ class Gyros:
             history,
         )
         taken = int((history[:, 3] > 0).sum())
-        after = after._replace(nis=state.nis + nis, epochs=state.epochs + taken)
+        after = after._replace(nis=nis, epochs=state.epochs + taken)
         made = course(
             self.part, "gyros", self.states, smooth, samples.time[epochs], history, steps, after
         )

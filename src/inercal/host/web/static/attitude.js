@@ -11,7 +11,7 @@ const SAME = 1e-5; // of a matrix' elements: nothing is to be seen of less
 const JUMP = 1.2; // more is no motion but a new place
 const ENDED = "Live estimation broke off: there is no navigation any more.";
 const WORDS = {
-  waits: "The navigation is shown once the filters have begun.",
+  waits: "The navigation is shown once the coefficients are estimated.",
   ended: `${ENDED} What it found last is shown in grey.`,
   none: "By this method nothing is navigated live: only the table's attitude is shown.",
 };
@@ -55,7 +55,8 @@ export function makeAttitude(theme) {
 
   function state({ attitude, live }) {
     if (attitude?.navigation) found = attitude;
-    explain(live);
+    // A method may estimate too little to navigate by.
+    explain(live === "on" && attitude && !attitude.navigation ? "none" : live);
     if (!attitude) return;
     // What was found last stays, greyed, where the navigation broke off.
     const both = live === "ended" && found ? { ...found, table: attitude.table } : attitude;

@@ -1,12 +1,13 @@
-/** The coefficients as the filters find them: by kind and axis, each with how its ±2σ shrank. */
+/** The coefficients as they are estimated: by kind and axis, each with how its ±2σ shrank. */
 
 import { byId, make, mark, put, svg } from "./dom.js";
 import { digits, fixed } from "./format.js";
 import { History } from "./history.js";
 
 const KINDS = { f: "accelerometers", w: "gyros" };
+const PARTS = { ...KINDS, all: "all axes" }; // of the sensor, each estimated by itself
 const WORDS = {
-  waits: "The filters begin after 20 s of rest.",
+  waits: "Nothing is estimated yet: the method needs more samples.",
   ended: "Live estimation broke off: in grey is what was found last. The recording counts: the "
     + "results are made of it at the end.",
   none: "By this method nothing is estimated live: the results are made at the end.",
@@ -129,9 +130,9 @@ export function makeEstimates(course) {
         ? `${name}: ${value} ± ${spread} ${unit}` : `${name}: not known yet`);
       spark(one, i);
     });
-    const parts = Object.entries(KINDS).filter(([kind]) => Number.isFinite(found?.[kind]))
+    const parts = Object.entries(PARTS).filter(([kind]) => Number.isFinite(found?.[kind]))
       .map(([kind, name]) => `${name} ${fixed(found[kind], 2)}`);
-    put(nis, parts.length ? `NIS of the filters, ${parts.join(", ")}: innovations squared over `
+    put(nis, parts.length ? `NIS, ${parts.join(", ")}: innovations squared over `
       + "what was stated. About 1 where all is as stated, more where something is not." : "");
     course.draw();
   }

@@ -1,4 +1,4 @@
-/** What the filters have found over time: of each coefficient value and 2σ, every so often. */
+/** The estimates over time: of each coefficient value and 2σ, every so often. */
 
 const MOST = 1200;
 
