@@ -1,7 +1,7 @@
 """A rate table in simulation: mounting after mounting, as its recording would have them.
 
 In each mounting the table rests where somebody left it, then goes through the mounting's speeds
-from the slowest to the fastest, and stops. With the names of `inercal.benches.rate_table.bench`, α the
+from the slowest to the fastest, and stops. With the names of `inercal.benches.rate_table`, α the
 azimuth since the rest, ω' the acceleration of the table and along = up × (−out)::
 
     f = exp(φ) ((R + s) (−ω² out − ω' along) + g (√(1 − λ²) up − λ₁(α) out + λ₂(α) along))

@@ -1,6 +1,6 @@
 """Attitude and motion of what stands on a turntable, exactly and to first order.
 
-C and what the readback says are as in `inercal.benches.turntable.bench`. With u_i the axes' directions in
+C and what the readback says are as in `inercal.benches.turntable`. With u_i the axes' directions in
 the body, θ̇ their rates, Ω the earth's rate, r the lever arm and everything in the body::
 
     ω = Cᵀ Ω + v,   v = Σ θ̇_i u_i,   u̇_i = u_i × Σ_{j>i} θ̇_j u_j
