@@ -2,7 +2,14 @@
 
 from typing import Any
 
-from inercal.methods._base import Method, PartialEstimate, Sequential, SequentialEstimator
+from inercal.methods._base import (
+    Fit,
+    Method,
+    PartialEstimate,
+    Remarks,
+    Sequential,
+    SequentialEstimator,
+)
 from inercal.registry import Registry
 
 METHODS: Registry[Method[Any, Any]] = Registry(
@@ -40,8 +47,10 @@ def method(name: str) -> Method[Any, Any]:
 
 __all__ = [
     "METHODS",
+    "Fit",
     "Method",
     "PartialEstimate",
+    "Remarks",
     "Sequential",
     "SequentialEstimator",
     "method",

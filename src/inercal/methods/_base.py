@@ -2,14 +2,16 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Generic, Literal, NamedTuple, Protocol, TypeVar
+from types import MappingProxyType
+from typing import Any, Generic, Literal, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.calibration.forms import Frame
 from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian
-from inercal.recording import Observations, Track
+from inercal.recording import Finding, Observations, Track
 from inercal.sensors import Sensor
 
 Array = NDArray[np.float64]
@@ -113,6 +115,62 @@ class SequentialEstimator(Protocol[BenchIn, StepIn]):
         ...
 
 
+@dataclass(frozen=True, eq=False)
+class Fit(Generic[Bench, Step]):
+    """What an estimator was given, and what it made of it.
+
+    Parameters
+    ----------
+    estimator : str
+        Its name.
+    sensor : Sensor
+    bench : Bench
+        As the estimator took it.
+    observations : Observations
+    steps : sequence of Step
+        Of each row.
+    priors : sequence of Gaussian
+    estimate : Estimate
+    time_offset : bool
+        Whether the gyros' delay is asked for.
+    """
+
+    estimator: str
+    sensor: Sensor
+    bench: Bench
+    observations: Observations
+    steps: Sequence[Step]
+    priors: Sequence[Gaussian]
+    estimate: Estimate
+    time_offset: bool = False
+
+
+class Remarks(NamedTuple):
+    """What a method says of a fit besides its estimate.
+
+    Parameters
+    ----------
+    findings : tuple of Finding
+        What may be wrong, for the verdict.
+    notes : tuple of str
+        In plain words.
+    conditions : mapping of str to str
+        For the calibration's conditions, in words with units.
+    """
+
+    findings: tuple[Finding, ...] = ()
+    notes: tuple[str, ...] = ()
+    conditions: Mapping[str, str] = MappingProxyType({})
+
+
+def _nothing(fit: Fit[Any, Any]) -> Remarks:
+    return Remarks()
+
+
+def _mount(bench: object) -> Frame:
+    return "mount"
+
+
 @dataclass(frozen=True)
 class Method(Generic[Bench, Step]):
     """A way to calibrate.
@@ -138,6 +196,10 @@ class Method(Generic[Bench, Step]):
         Whether attitudes are free: rests are found and named by themselves, not from the plan.
     framed : tuple of str
         Estimators of norms, which see no rotation of the triad: its frame may be stated.
+    frame : callable
+        From the bench to the frame that misalignments refer to where the run file states none.
+    remarks : callable
+        From a `Fit` to `Remarks`; called of one that did not converge too.
     sequential : callable or None
         Begins the estimation of a run while it goes on; None where there is none.
     """
@@ -152,6 +214,8 @@ class Method(Generic[Bench, Step]):
     also: Mapping[Kind, tuple[str, ...]] = field(default_factory=dict[Kind, tuple[str, ...]])
     free: bool = False
     framed: tuple[str, ...] = ()
+    frame: Callable[[Bench], Frame] = _mount
+    remarks: Callable[[Fit[Bench, Step]], Remarks] = _nothing
     sequential: SequentialEstimator[Bench, Step] | None = None
 
     def prepare(

@@ -10,8 +10,11 @@ from math import pi
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.benches.rate_table import RateTable
 from inercal.estimate import Estimate
+from inercal.methods._base import Fit, Remarks
 from inercal.motion import Motion
+from inercal.plan import Spin
 from inercal.sensors import G0, Sensor
 from inercal.units import digits
 
@@ -62,3 +65,12 @@ def note(sensor: Sensor, estimate: Estimate, fastest: float, radius: float, g: f
         f"vector{frame} is off by {digits(0.0, error)[1]} mg (rms, k = 1); each residual in the "
         f"sample is {digits(0.0, inside)[1]} mg rms"
     )
+
+
+def remarks(fit: Fit[RateTable, Spin]) -> Remarks:
+    """Return what the result is off by on fresh poses, beside its residuals."""
+    if not np.all(fit.estimate.converged):
+        return Remarks()
+    fastest = max(abs(step.rate) for step in fit.steps)
+    radius, g = fit.bench.radius.value, fit.bench.gravity.value
+    return Remarks(notes=(note(fit.sensor, fit.estimate, fastest, radius, g),))

@@ -23,7 +23,7 @@ from inercal.benches.rate_table.bench import RateTable, felt
 from inercal.benches.rate_table.fixture import PLANES, planar_plan, tilted
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate, Gaussian, NullDirection
-from inercal.methods import vectors
+from inercal.methods import fresh, vectors
 from inercal.methods._base import Method
 from inercal.methods.affine import Affine, require_twelve, to_coefficients
 from inercal.methods.observed import require_observed
@@ -240,5 +240,6 @@ METHOD = Method(
     needs=("f",),
     plan=planar_plan,
     estimators={"planar": planar},
+    remarks=fresh.remarks,
     source="Xiao, Liu and Liu, Transducer and Microsystem Technologies 33(10), 2014",
 )

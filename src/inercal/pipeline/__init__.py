@@ -14,14 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from inercal.benches import Bench, Centrifuge, RateTable, Turntable
+from inercal.benches import Bench
 from inercal.calibration import Calibration, Frame
 from inercal.calibration.grade import Verdict
 from inercal.calibration.verdict import verdict
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate
 from inercal.io.table import sha256_of
-from inercal.methods.multi_position.timing import delay
+from inercal.methods import Fit
 from inercal.methods.ship_multi_angle.evolution import Generation, History
 from inercal.parameters import Parameter
 from inercal.pipeline import assumed, by_hand, on_arm, on_head, on_table, turntable
@@ -126,8 +126,18 @@ def calibrate(
         raise NotObserved(f"{run.path}: {error}{_found(gathered)}", error.directions) from None
     except InputError as error:
         raise InputError(f"{run.path}: {error}{_found(gathered)}") from None
-    if isinstance(bench, Centrifuge) and not (estimate.dof and estimate.consistent):
-        findings += on_arm.screened(run, bench, gathered)
+    fit = Fit(
+        run.estimator,
+        sensor,
+        bench,
+        observations,
+        gathered.steps,
+        run.priors,
+        estimate,
+        run.time_offset,
+    )
+    remarks = run.method.remarks(fit)
+    findings += remarks.findings
     if not np.all(estimate.converged):
         told = "".join(f"; {finding.message}" for finding in findings if finding.what == "norm")
         raise InputError(
@@ -150,30 +160,20 @@ def calibrate(
     except InputError as error:
         raise InputError(f"{run.path}: {error}") from None
     conditions = gathered.conditions | _temperature(gathered.recording) | _search(run)
+    conditions |= remarks.conditions
     if run.bench_name:
         conditions["bench"] = run.bench_name
-    if run.time_offset:
-        late = delay(observations, sensor, estimate, bench.gravity.value)
-        text = f"{late.value * 1e3:+.2f} ± {2 * late.sd * 1e3:.2f} ms (k = 2)"
-        conditions["delay of the gyros"] = text
-        note = f"the gyros' samples are {text} later than the accelerometers'"
-        estimate = replace(estimate, notes=(note, *estimate.notes))
     estimate = replace(
         estimate,
-        notes=(*gathered.notes, *observations.notes, *estimate.notes),
+        notes=(
+            *remarks.notes,
+            *gathered.notes,
+            *observations.notes,
+            *estimate.notes,
+            *assumed.notes(constants),
+        ),
         tests=tuple(dict.fromkeys((*observations.tests, *estimate.tests))),
     )
-    if isinstance(bench, RateTable):
-        estimate = replace(
-            estimate, notes=(on_table.beside(sensor, estimate, bench, gathered), *estimate.notes)
-        )
-    estimate = replace(estimate, notes=(*estimate.notes, *assumed.notes(constants)))
-    track = observations.track
-    if run.estimator == "paper" and track is not None and sensor.only("w").axes:
-        note = turntable.of_source(sensor, track)
-        estimate = replace(estimate, notes=(*estimate.notes, note))
-    if isinstance(bench, Turntable):
-        findings += turntable.far_from_stated(estimate, expected)
     judged = verdict(
         estimate, sensor, findings, expected, run.method.possible(sensor), _row_word(run)
     )
@@ -247,11 +247,8 @@ _GATHER: Mapping[str, Callable[[Run, Any], Gathered]] = {
 
 
 def _frame(run: Run) -> Frame:
-    """Return what the misalignments refer to: without a mounting, the accelerometers' own frame."""
-    if run.sensor.frame == "symmetric":
-        return "symmetric"
-    norms = isinstance(run.bench, Centrifuge) and run.bench.indexing is None
-    return "triangular" if run.method.free or norms else "mount"
+    """Return what the misalignments refer to."""
+    return "symmetric" if run.sensor.frame == "symmetric" else run.method.frame(run.bench)
 
 
 def apply(calibration: Calibration, run: Run | str | Path) -> Recording:

@@ -6,12 +6,10 @@ from math import pi
 import numpy as np
 
 from inercal.benches import Centrifuge
-from inercal.errors import InputError, NotObserved
+from inercal.errors import InputError
 from inercal.io.means import means_of, read_columns
 from inercal.io.rest import norm_finding
 from inercal.keys import CoefficientName
-from inercal.methods.centrifuge_norm.left_out import left_out
-from inercal.methods.centrifuge_norm.screening import screen
 from inercal.pipeline.inputs import (
     Gathered,
     accepted,
@@ -148,26 +146,6 @@ def _recording(run: Run, bench: Centrifuge) -> Gathered:
     marks = tuple(dwell.mark for dwell in dwells)
     findings = recording.findings + left_out
     return Gathered(recording, marks, observations, steps, steps, findings, _conditions(bench))
-
-
-def screened(run: Run, bench: Centrifuge, gathered: Gathered) -> tuple[Finding, ...]:
-    """Return a warning for coefficients that explain the scatter, and for rows that violate it.
-
-    Rows are named with what would repair each. Nothing is changed: what was written is for the
-    person who has the original.
-    """
-    steps = [step for step in gathered.steps if isinstance(step, Spin)]
-    seen, said = gathered.observations, ()
-    try:
-        explained = left_out(seen, run.sensor, bench, steps, run.priors)
-        if explained.words:
-            said = (Finding("warning", "left out", explained.in_words()),)
-        suspects = screen(seen, explained.sensor, bench, steps, run.priors, explained.agreement)
-    except NotObserved:
-        return said  # the estimator says it better
-    except InputError as error:
-        return (*said, Finding("warning", "norm", str(error)))
-    return (*said, *(Finding("warning", "norm", suspect.in_words()) for suspect in suspects))
 
 
 def _conditions(bench: Centrifuge) -> dict[str, str]:

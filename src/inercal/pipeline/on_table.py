@@ -15,10 +15,8 @@ from inercal.benches import RateTable
 from inercal.benches.rate_table.bench import mountings, speeds
 from inercal.benches.rate_table.fixture import PLANES, Plane, mounting
 from inercal.errors import InputError
-from inercal.estimate import Estimate
 from inercal.io.means import means_of, numbers_of, read_columns
 from inercal.io.table import Table
-from inercal.methods import fresh
 from inercal.pipeline.inputs import (
     Gathered,
     columns,
@@ -34,7 +32,6 @@ from inercal.recording import Finding, Mark, Observations, Recording, joined
 from inercal.runfile import Run
 from inercal.segments import average_dwells, find_dwells, find_stands, left_out, observe
 from inercal.segments.dwells import ARM_RATE
-from inercal.sensors import Sensor
 from inercal.units import readable
 
 Array = NDArray[np.float64]
@@ -175,12 +172,6 @@ def _labels(poses: Sequence[Attitude], rates: Array) -> tuple[str, ...]:
         count[name] += 1
         found.append(name if count[name] == 1 else f"{name} ({count[name]})")
     return tuple(found)
-
-
-def beside(sensor: Sensor, estimate: Estimate, bench: RateTable, gathered: Gathered) -> str:
-    """Say what the result is off by on fresh poses, beside its residuals."""
-    fastest = max(abs(step.rate) for step in gathered.steps if isinstance(step, Spin))
-    return fresh.note(sensor, estimate, fastest, bench.radius.value, bench.gravity.value)
 
 
 def _conditions(bench: RateTable, steps: Sequence[Spin]) -> dict[str, str]:

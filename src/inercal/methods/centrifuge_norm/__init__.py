@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from inercal.benches.centrifuge.arm import felt_norm
 from inercal.benches.centrifuge.bench import Centrifuge
+from inercal.calibration.forms import Frame
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate, Gaussian, least_squares
 from inercal.keys import CoefficientName
@@ -30,6 +31,7 @@ from inercal.methods._base import Method
 from inercal.methods.centrifuge_norm import closed
 from inercal.methods.centrifuge_norm.plans import plan
 from inercal.methods.centrifuge_norm.problems import by_norm, by_norm_exact, problem
+from inercal.methods.centrifuge_norm.remarks import remarks
 from inercal.methods.likelihood_tests import with_tests
 from inercal.methods.observed import NOISE_ALONE, require_observed
 from inercal.plan import Spin
@@ -227,6 +229,11 @@ def _closed(
     )
 
 
+def _frame(bench: Centrifuge) -> Frame:
+    # Norms know no mounting.
+    return "triangular" if bench.indexing is None else "mount"
+
+
 METHOD = Method(
     name="centrifuge_norm",
     bench=Centrifuge,
@@ -236,5 +243,7 @@ METHOD = Method(
     plan=plan,
     estimators={"ml": ml, "series": series, "series_weighted": series_weighted, "paper": paper},
     framed=("ml",),
+    frame=_frame,
+    remarks=remarks,
     source="Wang and Li, Navigation Positioning and Timing 8(6), 2021; IEEE Std 836",
 )

@@ -19,15 +19,17 @@ Congress, 2006 (norms); Tedaldi, Pretto, Menegatti, ICRA 2014, 3042–3049 (rota
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches import Hand
+from inercal.calibration.forms import Frame
 from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian
 from inercal.estimate.once import Once
-from inercal.methods._base import Method
+from inercal.methods._base import Fit, Method, Remarks
 from inercal.methods.multi_position.advice import advice, g_sensitivity
 from inercal.methods.multi_position.coverage import hand_held
 from inercal.methods.multi_position.missing import require_covered
@@ -40,6 +42,7 @@ from inercal.methods.multi_position.stages import (
     together,
     with_shared_drift,
 )
+from inercal.methods.multi_position.timing import delay
 from inercal.methods.observed import require_observed
 from inercal.plan import HandStep
 from inercal.recording import Observations
@@ -132,6 +135,20 @@ def _finished(rests: Rests, last: Stage, priors: Sequence[Gaussian]) -> Estimate
     )
 
 
+def _frame(bench: Hand) -> Frame:
+    return "triangular"  # without a mounting, the accelerometers' own
+
+
+def _remarks(fit: Fit[Hand, Any]) -> Remarks:
+    """Return the delay of the gyros, where it is asked for."""
+    if not fit.time_offset or not np.all(fit.estimate.converged):
+        return Remarks()
+    late = delay(fit.observations, fit.sensor, fit.estimate, fit.bench.gravity.value)
+    text = f"{late.value * 1e3:+.2f} ± {2 * late.sd * 1e3:.2f} ms (k = 2)"
+    note = f"the gyros' samples are {text} later than the accelerometers'"
+    return Remarks(notes=(note,), conditions={"delay of the gyros": text})
+
+
 METHOD = Method(
     name="multi_position",
     bench=Hand,
@@ -145,4 +162,6 @@ METHOD = Method(
     estimators={"joint": joint, "sequential": sequential},
     source="Skog and Händel, IMEKO 2006; Tedaldi, Pretto, Menegatti, ICRA 2014",
     free=True,
+    frame=_frame,
+    remarks=_remarks,
 )

@@ -26,6 +26,7 @@ from inercal.methods import vectors
 from inercal.methods._base import Method
 from inercal.methods.observed import require_observed
 from inercal.methods.turntable.drift import covariance_of_means
+from inercal.methods.turntable.found import remarks
 from inercal.methods.turntable.left_out import families
 from inercal.methods.turntable_discrete.felt import Way, declared, felt, mean, planned, rows
 from inercal.plan import Position, Rotation, TableStep
@@ -189,5 +190,6 @@ METHOD = Method(
     needs=(),
     plan=partial(named, path="discrete"),
     estimators={"least_squares": least_squares},
+    remarks=remarks,
     source="IEEE Std 1293 and 1431, multipoint and rate tests on a turntable",
 )

@@ -23,6 +23,7 @@ from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.paths import named as named_path
 from inercal.estimate import Estimate, Gaussian
 from inercal.methods._base import Method
+from inercal.methods.turntable.found import remarks
 from inercal.methods.turntable_kalman.follow import WAYS, followed
 from inercal.methods.turntable_kalman.sequential import sequential
 from inercal.plan import TableStep
@@ -91,6 +92,7 @@ METHOD = Method(
     needs=("f", "w"),
     plan=named_path,
     estimators={"full": full, "drift": drift, "paper": paper},
+    remarks=remarks,
     source="Liu, Cui, Zhang and Xu, North University of China (MIMU on a turntable)",
     sequential=sequential,
 )

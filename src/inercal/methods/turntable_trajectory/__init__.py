@@ -26,6 +26,7 @@ from inercal.estimate.innovations import grouped, means_of_residuals
 from inercal.methods import vectors
 from inercal.methods._base import Method
 from inercal.methods.turntable import left_out, model
+from inercal.methods.turntable.found import remarks
 from inercal.methods.turntable.left_out import Column
 from inercal.methods.turntable.terms import BIAS
 from inercal.methods.turntable_trajectory.rows import Resting, Turning, parameters
@@ -305,5 +306,6 @@ METHOD = Method(
     needs=(),
     plan=named,
     estimators={"trajectory": trajectory},
+    remarks=remarks,
     source="Generalised least squares (Aitken 1935), whitened by innovations (Kailath 1968)",
 )

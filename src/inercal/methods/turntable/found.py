@@ -3,8 +3,13 @@
 from collections.abc import Mapping
 from math import degrees, radians, sqrt
 
+import numpy as np
+
+from inercal.benches.turntable import Turntable
 from inercal.estimate import Estimate
+from inercal.methods._base import Fit, Remarks
 from inercal.parameters import Parameter
+from inercal.plan import TableStep
 from inercal.recording import Finding, Track
 from inercal.sensors import Sensor
 from inercal.units import readable
@@ -17,6 +22,17 @@ _KEYS = {
     "azimuth": "azimuth", "latency": "latency", "clock": "clock", "g": "gravity",
 }  # fmt: skip
 _UNITS = {"s": "ms", "1": "ppm", "m": "mm", "m/s²": "m/s²"}
+
+
+def remarks(fit: Fit[Turntable, TableStep]) -> Remarks:
+    """Return what is far from stated and, of the source's own estimator, what noise allows it."""
+    if not np.all(fit.estimate.converged):
+        return Remarks()
+    track, notes = fit.observations.track, ()
+    if fit.estimator == "paper" and track is not None and fit.sensor.only("w").axes:
+        notes = (of_source(fit.sensor, track),)
+    stated = fit.bench.nuisances(fit.steps, fit.sensor)
+    return Remarks(far_from_stated(fit.estimate, stated), notes)
 
 
 def of_source(sensor: Sensor, track: Track) -> str:
