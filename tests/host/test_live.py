@@ -8,12 +8,14 @@ import pytest
 from scipy.stats import chi2
 from tests.host.bench_log import LAYOUT, PATH, Bench, Faults, run_file
 
+import inercal
 from inercal.benches import Turntable
 from inercal.errors import InputError
 from inercal.host import record
 from inercal.host.assembly import Assembly
 from inercal.host.live import Live
 from inercal.host.log import Frame, Log
+from inercal.methods import METHODS
 from inercal.methods.turntable_kalman.follow import WAYS, accelerometers, apart, gyros
 from inercal.methods.turntable_kalman.innovations import Filtered
 from inercal.pipeline import calibrate
@@ -144,3 +146,11 @@ def test_another_method_is_not_followed(tmp_path: Path):
     run = run_file(tmp_path, **{METHOD: 'name = "turntable_discrete"', 'path = "path.csv"': ""})
     with pytest.raises(InputError, match="possible: turntable_kalman"):
         Live(run)
+
+
+def test_neither_host_nor_terminal_names_a_method():
+    source = Path(inercal.__file__).parent
+    files = [*(source / "host").rglob("*.py"), *source.glob("cli/bench*.py")]
+    assert len(files) > 100
+    texts = {file.name: file.read_text(encoding="utf-8") for file in files}
+    assert [(file, one) for file, text in texts.items() for one in METHODS if one in text] == []

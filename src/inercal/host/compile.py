@@ -3,7 +3,8 @@
 What is compiled is what is called, with the arrays that a run hands it: a rest of the table is
 polled, sent, assembled and followed here, by the sequential estimator of whatever method. Cold,
 that is most of a minute on one core: accelerometers are then followed in another process at the
-same time. Once that is done, on each machine, it is but loaded.
+same time. Once that is done, on each machine, it is but loaded. What the calibration at the end
+needs besides is compiled then, when the table is at rest for good.
 """
 # Numba has no types.
 # pyright: reportUnknownMemberType=false
