@@ -53,7 +53,9 @@ class Registry(Mapping[str, T]):
         return self._loaded[name]
 
     def __iter__(self) -> Iterator[str]:
-        yield from dict.fromkeys((*self._own, *self._foreign, *self._added))
+        yield from self._own
+        yield from self._foreign
+        yield from self._added
 
     def __len__(self) -> int:
         return len(tuple(iter(self)))
