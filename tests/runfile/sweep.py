@@ -12,10 +12,11 @@ from typing import Any, Literal, get_args, get_origin
 import numpy as np
 from pydantic.fields import FieldInfo
 
+from inercal.benches.kinds import KINDS
 from inercal.errors import InercalError, InputError
 from inercal.pipeline import Outcome, calibrate
 from inercal.runfile import read
-from inercal.runfile.schema import BENCHES, ReadoutSection, SensorSection
+from inercal.runfile.schema import ReadoutSection, SensorSection
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 Content = dict[str, Any]
@@ -97,7 +98,7 @@ def keys(
     Of a quantity with "±" the value and the deviation come one after the other.
     """
     bench = content["bench"]
-    model = BENCHES[bench.get("kind", "hand")]
+    model = KINDS[bench.get("kind", "hand")].section
     sections: list[tuple[tuple[str, ...], Any, Content]] = [
         (("sensor",), SensorSection, content["sensor"]),
         (("bench",), model, bench),

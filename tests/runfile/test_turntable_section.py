@@ -8,10 +8,9 @@ import pytest
 from tests.runfile.texts import FERRARIS
 
 from inercal.benches import Turntable
+from inercal.benches.turntable.settings import TurntableSection, build
 from inercal.errors import InputError
 from inercal.runfile import read, schema
-from inercal.runfile.build import build_bench
-from inercal.runfile.schema import TurntableSection
 from inercal.units import Measured
 
 ARCSEC = radians(1 / 3600)
@@ -20,7 +19,7 @@ HERE = Path()
 
 def built(**keys: Any) -> Turntable:
     section = TurntableSection.model_validate({"kind": "turntable", "latitude": "38 °"} | keys)
-    bench = build_bench(section, HERE)
+    bench = build(section, HERE)
     assert isinstance(bench, Turntable)
     return bench
 

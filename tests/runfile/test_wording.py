@@ -5,8 +5,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from pydantic import BaseModel
 from tests.runfile.texts import FERRARIS, changed
 
+from inercal.benches.rate_table.settings import RateTableSection
 from inercal.cli.app import main
 from inercal.errors import InputError
 from inercal.runfile import read, schema
@@ -29,7 +31,7 @@ name = "ship_multi_angle"
 KEYS = {
     "sensor": schema.SensorSection,
     "sensor.accelerometer": schema.ReadoutSection,
-    "bench": schema.RateTableSection,
+    "bench": RateTableSection,
     "data": schema.DataSection,
     "method": schema.MethodSection,
     "method.search": schema.SearchSection,
@@ -129,7 +131,7 @@ def test_no_wrong_type_is_refused_in_the_words_of_a_library(
     assert "\n" not in str(refused.value)
 
 
-def quantities(model: type[schema.BaseModel]) -> dict[str, Any]:
+def quantities(model: type[BaseModel]) -> dict[str, Any]:
     return {
         name: field.examples[0]
         for name, field in model.model_fields.items()

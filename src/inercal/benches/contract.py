@@ -6,6 +6,7 @@ know no more of it than stands here.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import Field, dataclass, field
+from pathlib import Path
 from typing import Any, ClassVar, Generic, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from inercal.motion import Motion
 from inercal.parameters import Parameter
 from inercal.sensors import Sensor
+from inercal.settings import BenchSection
 from inercal.units import Measured
 
 Array = NDArray[np.float64]
@@ -206,6 +208,10 @@ class Kind(Generic[B]):
         [bench] kind.
     bench : type
         A dataclass, `Bench`.
+    section : type
+        [bench] of a run file, a `BenchSection` with the key `kind`.
+    build : callable
+        From the section, and the folder in which files lie that it names, to the bench.
     steps : tuple of type
         The kinds of steps that it carries out.
     simulate : callable
@@ -222,6 +228,8 @@ class Kind(Generic[B]):
 
     name: str
     bench: type[B]
+    section: type[BenchSection]
+    build: Callable[[Any, Path], B]
     steps: tuple[type, ...]
     simulate: Callable[[B, Sequence[Any], float, np.random.Generator, int, Sensor, bool], Simulated]
     seconds: Callable[[B, Sequence[Any]], float]

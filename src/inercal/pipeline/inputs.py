@@ -13,9 +13,9 @@ from inercal.io.rest import audit_rest_norm
 from inercal.plan import Step
 from inercal.recording import Finding, Mark, Observations, Recording
 from inercal.runfile import Run
-from inercal.runfile.build import si_value
 from inercal.segments import FoundRests, require_still
 from inercal.sensors import Sensor
+from inercal.settings import si_value
 from inercal.units import factor, parse
 
 HOLD = "hold"  # among what a bench reads back: numbers of its holds

@@ -28,7 +28,7 @@ from inercal.methods.ship_multi_angle import global_
 from inercal.methods.ship_multi_angle.evolution import Generation, Options
 from inercal.plan import Position, Rotation, Step, TableStep
 from inercal.recording import Finding
-from inercal.runfile.build import build_bench, build_sensor, coefficient_value, si_value
+from inercal.runfile.build import build_sensor, coefficient_value
 from inercal.runfile.checks import (
     axes_of,
     require_columns,
@@ -39,10 +39,11 @@ from inercal.runfile.checks import (
 from inercal.runfile.gravity import against_place
 from inercal.runfile.path import on_path
 from inercal.runfile.priors import prior_from, static_prior
-from inercal.runfile.schema import DataSection, MethodSection, RunSchema
+from inercal.runfile.schema import DataSection, MethodSection, RunSchema, schema_of
 from inercal.runfile.search import searching
-from inercal.runfile.wording import worded
+from inercal.runfile.wording import unknown_kind, worded
 from inercal.sensors import Sensor
+from inercal.settings import si_value
 
 # [method] keys of the plan: key, unit like, argument of the method's plan
 _PLAN = (
@@ -56,6 +57,7 @@ _PLAN = (
     ("turns", "", "turns"),
     ("path", "", "path"),
 )
+_BY_DEFAULT = "hand"  # [bench] kind
 _SENSE = ", or negative for a turn clockwise seen from above"
 
 
@@ -178,13 +180,17 @@ def read(path: str | Path, method_keys: Mapping[str, object] | None = None) -> R
         raise InputError(f"{path}: not a TOML run file: nested too deeply") from None
     if method_keys and isinstance(content.get("method", {}), dict):
         content["method"] = content.get("method", {}) | dict(method_keys)
-    whole = dict(content)
+    whole, chosen = dict(content), _BY_DEFAULT
     if isinstance(content.get("bench"), dict):
-        whole["bench"] = {"kind": "hand"} | content["bench"]
+        whole["bench"] = {"kind": chosen} | content["bench"]
+        chosen = whole["bench"]["kind"]
+    if not isinstance(chosen, str) or chosen not in KINDS:
+        raise InputError(f"{path}: {unknown_kind(chosen)}")
+    model = schema_of(chosen)
     try:
-        schema = RunSchema.model_validate(whole)
+        schema = model.model_validate(whole)
     except ValidationError as error:
-        raise InputError(f"{path}: {worded(error, content)}") from None
+        raise InputError(f"{path}: {worded(error, content, model)}") from None
     try:
         return _build(path, sha256(raw).hexdigest(), schema)
     except InputError as error:
@@ -193,7 +199,8 @@ def read(path: str | Path, method_keys: Mapping[str, object] | None = None) -> R
 
 def _build(path: Path, digest: str, schema: RunSchema) -> Run:
     chosen = method(schema.method.name)
-    bench = build_bench(schema.bench, path.parent)
+    kind = KINDS[schema.bench.kind]
+    bench = kind.build(schema.bench, path.parent)
     axes = axes_of(schema.data.accelerometer, bench)
     whole = build_sensor(schema.sensor, axes)
     part = chosen.prepare(whole, schema.method.coefficients, schema.method.also)
@@ -243,7 +250,7 @@ def _build(path: Path, digest: str, schema: RunSchema) -> Run:
         sensor=part,
         truth=truth,
         bench=bench,
-        kind=KINDS[schema.bench.kind],
+        kind=kind,
         data=schema.data,
         method=chosen,
         estimator=estimator,

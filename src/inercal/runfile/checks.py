@@ -9,7 +9,8 @@ from inercal.errors import InputError
 from inercal.estimate import Gaussian
 from inercal.methods import METHODS, Method
 from inercal.plan import Step, Turn
-from inercal.runfile.schema import ReadoutSection, RunSchema, Use
+from inercal.runfile.schema import ReadoutSection, RunSchema
+from inercal.settings import Use
 
 _NEEDED: Mapping[type, Mapping[str, str]] = {  # columns in [data] that a bench does not do without
     Centrifuge: {"arm_rate": "the column of the arm's rate (and arm_rate_unit)"},

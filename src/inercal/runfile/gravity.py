@@ -4,8 +4,7 @@ from math import degrees, sin
 
 from inercal.earth import normal_gravity
 from inercal.recording import Finding
-from inercal.runfile.build import measured, si_value
-from inercal.runfile.schema import BenchSection
+from inercal.settings import BenchSection, measured, si_value
 
 _ANOMALY = 1e-3  # m/s², 100 mGal: 2.5 standard deviations of free-air anomalies
 _HIGHEST = 3000.0  # m: a laboratory whose height is not stated

@@ -3,47 +3,16 @@
 An example stands beside a key where its default is none, or says nothing: complaints show it.
 """
 
-from dataclasses import dataclass
+from functools import cache
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, JsonValue, model_validator
+from pydantic import Field, create_model, model_validator
 
-# What enters no result: names, and the truth of a simulation.
-_DESCRIPTION: dict[str, JsonValue] = {"role": "description"}
-# What shapes the plan or its simulation alone: limits of a table's motion, and where the IMU is on
-# it: accelerometers count at rest.
-_PLANNING: dict[str, JsonValue] = {"role": "plan"}
+from inercal.benches.kinds import KINDS
+from inercal.settings import DESCRIPTION, BenchSection, Section, Use
 
 
-@dataclass(frozen=True)
-class Use:
-    """What a run makes of its bench, as far as keys of the bench depend on it.
-
-    Parameters
-    ----------
-    method : str
-    turns : bool
-        Whether its plan has turns of a known angle.
-    attitudes : bool
-        Whether it knows the attitudes, and does not find them itself.
-    gyros : bool
-        Whether there are gyros.
-    means : bool
-        Whether the data are means.
-    """
-
-    method: str
-    turns: bool
-    attitudes: bool
-    gyros: bool
-    means: bool
-
-
-class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class ReadoutSection(_Section):
+class ReadoutSection(Section):
     """[sensor.accelerometer] and [sensor.gyro]: how the axes state readings, and their noise."""
 
     unit: str = Field(description="unit of the output: 'LSB', 'V', …", examples=["m/s²"])
@@ -69,10 +38,10 @@ class ReadoutSection(_Section):
         return dict.fromkeys(("white", "bias_instability", "random_walk", "quantisation"), words)
 
 
-class SensorSection(_Section):
+class SensorSection(Section):
     """[sensor]."""
 
-    name: str = Field("sensor", json_schema_extra=_DESCRIPTION)
+    name: str = Field("sensor", json_schema_extra=DESCRIPTION)
     form: Literal["reference", "tilted"] | None = Field(
         None, description="'reference', but 'tilted' on a dividing head"
     )
@@ -80,171 +49,11 @@ class SensorSection(_Section):
     accelerometer: ReadoutSection
     gyro: ReadoutSection | None = None
     truth: dict[str, str | float] = Field(
-        default_factory=dict, examples=[{"ax.k0": "32 mg"}], json_schema_extra=_DESCRIPTION
+        default_factory=dict, examples=[{"ax.k0": "32 mg"}], json_schema_extra=DESCRIPTION
     )
 
 
-class _BenchSection(_Section):
-    gravity: str | None = Field(None, examples=["9.8073 m/s² ± 0.2 mm/s²"])
-    latitude: str | None = Field(None, examples=["48.1 °"])
-    height: str | None = Field(None, examples=["520 m"])
-    name: str = Field(
-        "",
-        description="what the laboratory calls it",
-        examples=["table 2"],
-        json_schema_extra=_DESCRIPTION,
-    )
-
-    @model_validator(mode="after")
-    def _gravity_is_known(self) -> "_BenchSection":
-        if self.gravity is None and self.latitude is None:
-            raise ValueError('give gravity = "9.81 m/s² ± 0.1 mm/s²" or latitude (and height)')
-        if self.height is not None and self.latitude is None:
-            raise ValueError("height goes with latitude: gravity is computed from both, or checked")
-        return self
-
-    def idle(self, use: Use) -> dict[str, str]:
-        """Return the keys that change no result of such a use, each with the reason."""
-        return {}
-
-
-class HandSection(_BenchSection):
-    """[bench]: bare hands. Gravity is given, or computed from latitude and height."""
-
-    kind: Literal["hand"] = "hand"
-    tilt: str = "0.5 °"
-    turn_angle: str = "1 °"
-    turn_tilt: str = "0.5 °"
-    timebase: str = "100 ppm"
-
-    def idle(self, use: Use) -> dict[str, str]:
-        """Return the keys that change no result of such a use, each with the reason."""
-        found: dict[str, str] = {}
-        if not use.attitudes:
-            found["tilt"] = f"{use.method} finds the attitudes itself"
-        if not use.turns:
-            words = f"{use.method} makes no turns of a known angle"
-            found |= {"turn_angle": words, "turn_tilt": words}
-            if not use.gyros or use.attitudes:
-                found["timebase"] = f"without turns nothing of {use.method} depends on time"
-        return found
-
-
-class CentrifugeSection(_BenchSection):
-    """[bench]: a precision centrifuge."""
-
-    kind: Literal["centrifuge"]
-    radius: str = Field(examples=["1 m ± 10 µm"])
-    stretch: str = Field("0 ppm/g ± 0", examples=["0.2 ppm/g ± 0.05 ppm/g"])
-    rate_error: str = "1 ppm"
-    tilt: str = "2 ″"
-    lean: str = "2 ″"
-    dwell_rate: str = Field("0 ppm", examples=["0.2 ppm"])
-    dwell_tilt: str = Field("0 ″", examples=["1 ″"])
-    platform: Literal["locked", "counter-rotating"] = "locked"
-    sense: Literal["counter-clockwise", "clockwise"] = "counter-clockwise"
-    indexing: str | None = Field(
-        None, description="of each attitude, where attitudes are known", examples=["0.02 °"]
-    )
-    mounting: str = "0.1 °"
-
-    def idle(self, use: Use) -> dict[str, str]:
-        """Return the keys that change no result of such a use, each with the reason."""
-        found: dict[str, str] = {}
-        if self.platform == "locked":
-            found["lean"] = (
-                "over whole turns of a locked platform a lean of the spindle is not felt"
-            )
-        if self.indexing is None:
-            found["mounting"] = "norms depend on no mounting; it goes with indexing"
-        if self.latitude is None and self.platform == "locked" and self.indexing is None:
-            found["sense"] = "the sense counts for the earth's rate; it goes with latitude"
-        return found
-
-
-class DividingHeadSection(_BenchSection):
-    """[bench]: a dividing head with its spindle level."""
-
-    kind: Literal["dividing_head"]
-    harmonics: tuple[str, ...] = ("1 ″", "1 ″")
-    division: str = "1 ″"
-    autocollimation: Literal["pairs", "every", "none"] = "none"
-    autocollimator: str = "0.1 ″"
-    polygon: str | None = Field(
-        None, description="certificate: one row a face", examples=["polygon.csv"]
-    )
-    polygon_unit: str = Field("″", examples=["µrad"])
-    certificate: str = "0.1 ″"
-    base: str = "10 ″"
-    pier: str = "0.1 ″"
-    creep: str = Field("0 ″", examples=["0.2 ″"])
-    lean: str = "20 ″"
-    drift: str = "0.5 µg"
-
-    def idle(self, use: Use) -> dict[str, str]:
-        """Return the keys that change no result of such a use, each with the reason."""
-        found: dict[str, str] = {}
-        if self.polygon is None:
-            found["polygon_unit"] = "there is no polygon"
-        if self.autocollimation == "none":
-            words = 'autocollimation is "none"'
-            found |= {"autocollimator": words, "certificate": words}
-        elif self.autocollimation == "every":
-            words = 'with autocollimation = "every" the head\'s own angle is nowhere used'
-            found |= {"harmonics": words, "division": words}
-        return found
-
-
-class RateTableSection(_BenchSection):
-    """[bench]: a plain rate table with a fixture, as for sensors of ship models."""
-
-    kind: Literal["rate_table"]
-    radius: str = Field(examples=["250 mm ± 0.3 mm"])
-    seat: str = "0.5 mm"
-    pose: str = "0.2 °"
-    rate_error: str = Field("0 %", examples=["0.01 %"])
-    speed: str = "0.05 %"
-    lean: str = "0.05 °"
-
-
-class TurntableSection(_BenchSection):
-    """[bench]: a turntable of one to three axes."""
-
-    kind: Literal["turntable"]
-    axes: str = Field("zxy", description="body axes that the axes turn about, outermost first")
-    azimuth: str = "0 ° ± 0.1 °"
-    lean: str = "5 ″"
-    square: str = "2 ″"
-    harmonics: tuple[str, ...] = ("2 ″", "1 ″")
-    noise: str = "0.5 ″"
-    latency: str = "0 ms ± 5 ms"
-    clock: str = "0 ppm"
-    lever: tuple[str, str, str] = Field(("0 mm", "0 mm", "0 mm"), json_schema_extra=_PLANNING)
-    rate: tuple[str, ...] = Field(
-        ("30 °/s",), description="limit of all axes, or of each", json_schema_extra=_PLANNING
-    )
-    acceleration: tuple[str, ...] = Field(("30 °/s²",), json_schema_extra=_PLANNING)
-    jerk: tuple[str, ...] = Field(
-        (),
-        description="limit; without one the rate is a trapezoid",
-        examples=[["100 °/s³"]],
-        json_schema_extra=_PLANNING,
-    )
-
-
-BENCHES: dict[str, type[_BenchSection]] = {
-    "hand": HandSection,
-    "centrifuge": CentrifugeSection,
-    "dividing_head": DividingHeadSection,
-    "rate_table": RateTableSection,
-    "turntable": TurntableSection,
-}
-BenchSection = (
-    HandSection | CentrifugeSection | DividingHeadSection | RateTableSection | TurntableSection
-)
-
-
-class DataSection(_Section):
+class DataSection(Section):
     """[data]: the file and its columns, by header name or by number counted from 1."""
 
     file: str = Field(examples=["session.csv"])
@@ -353,7 +162,7 @@ class DataSection(_Section):
         return self
 
 
-class SearchSection(_Section):
+class SearchSection(Section):
     """[method.search]: of estimator global of ship_multi_angle."""
 
     seed: int = Field(0, ge=0)
@@ -364,7 +173,7 @@ class SearchSection(_Section):
     bias: str = "0.2 g"
 
 
-class MethodSection(_Section):
+class MethodSection(Section):
     """[method]."""
 
     name: str = Field(examples=["six_position"])
@@ -413,10 +222,22 @@ class MethodSection(_Section):
     )
 
 
-class RunSchema(_Section):
+class RunSchema(Section):
     """A whole run file."""
 
     sensor: SensorSection
-    bench: BenchSection = Field(discriminator="kind")
+    bench: BenchSection
     data: DataSection
     method: MethodSection
+
+
+@cache
+def schema_of(kind: str) -> type[RunSchema]:
+    """Return what a run file may contain whose [bench] is of this kind.
+
+    Parameters
+    ----------
+    kind : str
+        Of `KINDS`.
+    """
+    return create_model("RunSchema", __base__=RunSchema, bench=(KINDS[kind].section, ...))

@@ -5,9 +5,9 @@ from typing import Any
 from inercal.errors import InputError
 from inercal.methods import Method, ship_multi_angle
 from inercal.methods.ship_multi_angle.evolution import Bounds, Options
-from inercal.runfile.build import si_value
 from inercal.runfile.schema import MethodSection, SearchSection
 from inercal.sensors import G0
+from inercal.settings import si_value
 
 _KEY = "[method.search]"
 

@@ -13,7 +13,8 @@ from typing import Any, Literal, NamedTuple, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
-from inercal.runfile.schema import BENCHES, RunSchema
+from inercal.benches.kinds import KINDS
+from inercal.runfile.schema import RunSchema
 
 _QUANTITY = re.compile(r"[-+]?[0-9.]+ \S.*")
 _BARE = re.compile(r"[A-Za-z0-9_-]+")  # a key that TOML takes without quotes
@@ -36,7 +37,12 @@ class _Place(NamedTuple):
     example: Any
 
 
-def worded(error: ValidationError, content: Mapping[str, Any]) -> str:
+def unknown_kind(chosen: object) -> str:
+    """Return what is wrong with a [bench] kind that there is not."""
+    return f"[bench] kind: {_shown(chosen)}; it is {_either(KINDS)}"
+
+
+def worded(error: ValidationError, content: Mapping[str, Any], schema: type[RunSchema]) -> str:
     """Return the first complaint as one line, with a name beside it that is misspelt.
 
     Parameters
@@ -45,36 +51,40 @@ def worded(error: ValidationError, content: Mapping[str, Any]) -> str:
         Of `RunSchema`.
     content : mapping
         The run file as it was written.
+    schema : type
+        That refused it.
     """
     complaint, *others = error.errors(include_url=False)
     kind, loc, value = complaint["type"], complaint["loc"], complaint["input"]
     if kind == "extra_forbidden":
-        return _unknown(loc, value, content)
+        return _unknown(loc, value, content, schema)
     if loc[-1] == "[key]":
-        options = get_args(get_args(_place(loc[:-2]).takes)[0])
+        options = get_args(get_args(_place(loc[:-2], schema).takes)[0])
         names = _dotted(map(str, loc[:-1]))
         return f"unknown key {names}; possible here: {', '.join(options)}"
-    place = _place(loc)
-    if kind == "union_tag_invalid":
-        chosen = content["bench"]["kind"]
-        return f"[bench] kind: {_shown(chosen)}; it is {_either(BENCHES)}"
+    place = _place(loc, schema)
     if kind == "value_error":
         return f"[{_dotted(place.names)}]: {complaint['msg'].removeprefix('Value error, ')}"
     if isinstance(loc[-1], int) and kind == "missing":  # of a list of fixed length
-        place, kind = _place(loc[:-1]), "too_short"
+        place, kind = _place(loc[:-1], schema), "too_short"
     if kind == "missing":
         line = f"{_key(place.names)} is missing{_such_as(place)}"
         if _is_section(place.takes):
             line = f"[{_dotted(place.names)}] is missing"
         for other in others:  # it may be there, misspelt
             if other["type"] == "extra_forbidden" and other["loc"][:-1] == loc[:-1]:
-                return f"{line}; {_unknown(other['loc'], other['input'], content)}"
+                return f"{line}; {_unknown(other['loc'], other['input'], content, schema)}"
         return line
     return f"{_key(place.names)}: {_wrong(kind, value, complaint.get('ctx', {}), place)}"
 
 
-def _unknown(loc: tuple[int | str, ...], value: object, content: Mapping[str, Any]) -> str:
-    place = _place(loc[:-1])
+def _unknown(
+    loc: tuple[int | str, ...],
+    value: object,
+    content: Mapping[str, Any],
+    schema: type[RunSchema],
+) -> str:
+    place = _place(loc[:-1], schema)
     (model,) = _kinds(place.takes)
     names = (*place.names, str(loc[-1]))
     if names == (_RESERVED,):
@@ -87,7 +97,7 @@ def _unknown(loc: tuple[int | str, ...], value: object, content: Mapping[str, An
     if near := get_close_matches(names[-1], tuple(model.model_fields), n=1):
         line += f"; did you mean {near[0]}?"
     line += f"; possible here: {', '.join(model.model_fields)}"
-    owners = [f'"{kind}"' for kind, bench in BENCHES.items() if names[-1] in bench.model_fields]
+    owners = [f'"{name}"' for name, kind in KINDS.items() if names[-1] in kind.section.model_fields]
     if place.names == ("bench",) and owners:
         if "kind" not in content["bench"]:
             line += "; kind is missing, so hand is taken"
@@ -128,14 +138,12 @@ def _such_as(place: _Place) -> str:
     return "" if place.example is None else f", such as {_toml(place.example)}"
 
 
-def _place(loc: tuple[int | str, ...]) -> _Place:
+def _place(loc: tuple[int | str, ...], schema: type[RunSchema]) -> _Place:
     """Follow a complaint's location through the schema."""
     names: list[str] = []
-    takes: Any = RunSchema
+    takes: Any = schema
     example: Any = None
     parts = list(loc)
-    if len(parts) > 1 and parts[0] == "bench":
-        takes, names, parts = BENCHES[str(parts[1])], ["bench"], parts[2:]
     for part in parts:
         kind = _kinds(takes)[0]
         if isinstance(kind, type) and issubclass(kind, BaseModel):
@@ -213,4 +221,4 @@ def _sort(value: object) -> str:
     return f"{_shown(value)} is {sort}"
 
 
-__all__ = ["worded"]
+__all__ = ["unknown_kind", "worded"]

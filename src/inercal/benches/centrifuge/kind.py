@@ -6,6 +6,7 @@ from math import degrees
 import numpy as np
 
 from inercal.benches.centrifuge.bench import Centrifuge
+from inercal.benches.centrifuge.settings import CentrifugeSection, build
 from inercal.benches.centrifuge.simulation import perform_on_arm, seconds_on_arm
 from inercal.benches.contract import Effect, Kind, Simulated
 from inercal.plan import Spin
@@ -40,6 +41,8 @@ def _refuses_budget(bench: Centrifuge, steps: Sequence[Spin]) -> str:
 KIND = Kind(
     "centrifuge",
     Centrifuge,
+    CentrifugeSection,
+    build,
     (Spin,),
     _simulate,
     _seconds,

@@ -6,6 +6,7 @@ import numpy as np
 
 from inercal.benches.contract import Kind, Simulated
 from inercal.benches.dividing_head.bench import DividingHead
+from inercal.benches.dividing_head.settings import DividingHeadSection, build
 from inercal.benches.dividing_head.simulation import perform_on_head
 from inercal.plan import Index
 from inercal.sensors import Sensor
@@ -27,4 +28,6 @@ def _seconds(bench: DividingHead, steps: Sequence[Index]) -> float:
     return sum(step.seconds for step in steps)
 
 
-KIND = Kind("dividing_head", DividingHead, (Index,), _simulate, _seconds)
+KIND = Kind(
+    "dividing_head", DividingHead, DividingHeadSection, build, (Index,), _simulate, _seconds
+)

@@ -7,6 +7,7 @@ import numpy as np
 
 from inercal.benches.contract import Effect, Kind, Simulated
 from inercal.benches.hand.bench import Hand
+from inercal.benches.hand.settings import HandSection, build
 from inercal.benches.hand.simulation import perform
 from inercal.plan import HandStep, Hold, Turn
 from inercal.sensors import Sensor
@@ -31,6 +32,8 @@ def _seconds(bench: Hand, steps: Sequence[HandStep]) -> float:
 KIND = Kind(
     "hand",
     Hand,
+    HandSection,
+    build,
     (Hold, Turn),
     _simulate,
     _seconds,

@@ -6,6 +6,7 @@ import numpy as np
 
 from inercal.benches.contract import Kind, Simulated, Vocabulary
 from inercal.benches.rate_table.bench import RateTable
+from inercal.benches.rate_table.settings import RateTableSection, build
 from inercal.benches.rate_table.simulation import perform_on_table, seconds_on_table
 from inercal.plan import Spin
 from inercal.sensors import Sensor
@@ -30,6 +31,8 @@ def _seconds(bench: RateTable, steps: Sequence[Spin]) -> float:
 KIND = Kind(
     "rate_table",
     RateTable,
+    RateTableSection,
+    build,
     (Spin,),
     _simulate,
     _seconds,

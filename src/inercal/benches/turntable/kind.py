@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from inercal.benches.contract import Kind, Simulated
 from inercal.benches.turntable.bench import Turntable
+from inercal.benches.turntable.settings import TurntableSection, build
 from inercal.benches.turntable.simulation import perform_on_turntable, seconds_on_turntable
 from inercal.plan import Position, Rotation, TableStep
 from inercal.sensors import Noise, Sensor
@@ -55,6 +56,8 @@ def _refuses_budget(bench: Turntable, steps: Sequence[TableStep]) -> str:
 KIND = Kind(
     "turntable",
     Turntable,
+    TurntableSection,
+    build,
     (Position, Rotation),
     _simulate,
     seconds_on_turntable,

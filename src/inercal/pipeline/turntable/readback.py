@@ -14,7 +14,7 @@ from inercal.pipeline.inputs import HOLD, of_readback, readback_units
 from inercal.pipeline.turntable.clock import FURTHEST, Aligned, NotAlike, aligned
 from inercal.recording import Recording
 from inercal.runfile import Run
-from inercal.runfile.build import si_value
+from inercal.settings import si_value
 from inercal.units import Measured, readable
 
 Array = NDArray[np.float64]

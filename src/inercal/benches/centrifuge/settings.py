@@ -1,0 +1,75 @@
+"""[bench] of a precision centrifuge: its keys, and the bench in SI."""
+
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field
+
+from inercal.benches.centrifuge.bench import Centrifuge
+from inercal.earth import earth_rate_up_north
+from inercal.errors import InputError
+from inercal.settings import (
+    BenchSection,
+    Use,
+    deviation,
+    gravity_of,
+    measured,
+    small,
+)
+
+
+class CentrifugeSection(BenchSection):
+    """[bench]: a precision centrifuge."""
+
+    radius: str = Field(examples=["1 m ± 10 µm"])
+    stretch: str = Field("0 ppm/g ± 0", examples=["0.2 ppm/g ± 0.05 ppm/g"])
+    rate_error: str = "1 ppm"
+    tilt: str = "2 ″"
+    lean: str = "2 ″"
+    dwell_rate: str = Field("0 ppm", examples=["0.2 ppm"])
+    dwell_tilt: str = Field("0 ″", examples=["1 ″"])
+    platform: Literal["locked", "counter-rotating"] = "locked"
+    sense: Literal["counter-clockwise", "clockwise"] = "counter-clockwise"
+    indexing: str | None = Field(
+        None, description="of each attitude, where attitudes are known", examples=["0.02 °"]
+    )
+    mounting: str = "0.1 °"
+
+    def idle(self, use: Use) -> dict[str, str]:
+        """Return the keys that change no result of such a use, each with the reason."""
+        found: dict[str, str] = {}
+        if self.platform == "locked":
+            found["lean"] = (
+                "over whole turns of a locked platform a lean of the spindle is not felt"
+            )
+        if self.indexing is None:
+            found["mounting"] = "norms depend on no mounting; it goes with indexing"
+        if self.latitude is None and self.platform == "locked" and self.indexing is None:
+            found["sense"] = "the sense counts for the earth's rate; it goes with latitude"
+        return found
+
+
+def build(section: CentrifugeSection, folder: Path) -> Centrifuge:
+    """Return the bench in SI; files that it names lie in `folder`."""
+    radius = measured(section.radius, "m", "[bench] radius")
+    if radius.value <= 0:
+        raise InputError(f"[bench] radius: {section.radius!r} must be positive")
+    latitude = None
+    if section.latitude is not None:
+        latitude = measured(section.latitude, "°", "[bench] latitude")
+        earth_rate_up_north(latitude.value)  # refuses what is no latitude
+    return Centrifuge(
+        gravity=gravity_of(section),
+        radius=radius,
+        latitude=latitude,
+        stretch=measured(section.stretch, "1/(m/s²)", "[bench] stretch"),
+        rate=deviation(section, "rate_error", "1"),
+        tilt=small(section, "tilt"),
+        lean=small(section, "lean"),
+        dwell_rate=deviation(section, "dwell_rate", "1"),
+        dwell_tilt=small(section, "dwell_tilt"),
+        platform=section.platform,
+        mounting=deviation(section, "mounting", "°"),
+        indexing=None if section.indexing is None else deviation(section, "indexing", "°"),
+        sense=1 if section.sense == "counter-clockwise" else -1,
+    )

@@ -1,0 +1,118 @@
+"""[bench] of a dividing head: its keys, and the bench in SI."""
+
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from inercal.benches.dividing_head.bench import DividingHead
+from inercal.errors import InputError
+from inercal.io.read import read_table
+from inercal.settings import (
+    LARGEST_TILT,
+    BenchSection,
+    Use,
+    deviation,
+    gravity_of,
+    si_value,
+    small,
+)
+
+_LARGEST_DRIFT = 0.1  # m/s²
+_FEWEST_FACES = 3  # of a polygon
+
+
+class DividingHeadSection(BenchSection):
+    """[bench]: a dividing head with its spindle level."""
+
+    harmonics: tuple[str, ...] = ("1 ″", "1 ″")
+    division: str = "1 ″"
+    autocollimation: Literal["pairs", "every", "none"] = "none"
+    autocollimator: str = "0.1 ″"
+    polygon: str | None = Field(
+        None, description="certificate: one row a face", examples=["polygon.csv"]
+    )
+    polygon_unit: str = Field("″", examples=["µrad"])
+    certificate: str = "0.1 ″"
+    base: str = "10 ″"
+    pier: str = "0.1 ″"
+    creep: str = Field("0 ″", examples=["0.2 ″"])
+    lean: str = "20 ″"
+    drift: str = "0.5 µg"
+
+    def idle(self, use: Use) -> dict[str, str]:
+        """Return the keys that change no result of such a use, each with the reason."""
+        found: dict[str, str] = {}
+        if self.polygon is None:
+            found["polygon_unit"] = "there is no polygon"
+        if self.autocollimation == "none":
+            words = 'autocollimation is "none"'
+            found |= {"autocollimator": words, "certificate": words}
+        elif self.autocollimation == "every":
+            words = 'with autocollimation = "every" the head\'s own angle is nowhere used'
+            found |= {"harmonics": words, "division": words}
+        return found
+
+
+def build(section: DividingHeadSection, folder: Path) -> DividingHead:
+    """Return the bench in SI; files that it names lie in `folder`."""
+    key = "[bench] harmonics"
+    harmonics = tuple(si_value(text, "°", key) for text in section.harmonics)
+    if not all(0 <= sd <= LARGEST_TILT for sd in harmonics):
+        raise InputError(f"{key}: {', '.join(section.harmonics)}: give each from 0 to 1°")
+    drift = deviation(section, "drift", "m/s²")
+    if drift > _LARGEST_DRIFT:
+        raise InputError(f"[bench] drift: {section.drift!r} is more than a bias can drift, 10 mg")
+    polygon: tuple[float, ...] = ()
+    if section.polygon is not None:
+        if section.autocollimation == "none":
+            raise InputError(
+                '[bench] polygon: autocollimation is "none", which reads no face; state "pairs" '
+                'or "every"'
+            )
+        polygon = _polygon(folder / section.polygon, section.polygon_unit)
+    return DividingHead(
+        gravity=gravity_of(section),
+        harmonics=harmonics,
+        collimated=section.autocollimation,
+        polygon=polygon,
+        certificate=small(section, "certificate"),
+        division=small(section, "division"),
+        autocollimator=small(section, "autocollimator"),
+        base=small(section, "base"),
+        pier=small(section, "pier"),
+        creep=small(section, "creep"),
+        lean=small(section, "lean"),
+        drift=drift,
+    )
+
+
+def _polygon(path: Path, unit: str) -> tuple[float, ...]:
+    """Return the certified deviation of each face, rad.
+
+    Raises
+    ------
+    InputError
+        A table without columns `face` and `deviation`, or whose faces are not 1 to n in order.
+    """
+    try:
+        table = read_table(path)
+    except InputError as error:
+        raise InputError(f"[bench] polygon: {error}") from None
+    for name in ("face", "deviation"):
+        if name not in table.columns:
+            raise InputError(
+                f"[bench] polygon: {path.name} has no column {name!r}, but "
+                f"{', '.join(table.columns)}; it takes face and deviation"
+            )
+    face, deviation = table.numbers("face"), table.numbers("deviation")
+    bad = np.flatnonzero((face != np.arange(1, len(face) + 1)) | ~np.isfinite(deviation))
+    if bad.size or len(face) < _FEWEST_FACES:
+        where = f"line {table.first_line + bad[0]}" if bad.size else f"{len(face)} faces"
+        raise InputError(
+            f"[bench] polygon: {path.name}, {where}: give each face of the polygon one line, 1, 2, "
+            "3, … in the order in which they are read, with its deviation"
+        )
+    size = si_value(f"1 {unit}", "°", "[bench] polygon_unit")
+    return tuple((size * deviation).tolist())

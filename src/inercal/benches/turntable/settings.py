@@ -1,0 +1,104 @@
+"""[bench] of a turntable: its keys, and the bench in SI."""
+
+from pathlib import Path
+
+from pydantic import Field
+
+from inercal.benches.turntable.bench import Turntable
+from inercal.benches.turntable.moves import Limits
+from inercal.errors import InputError
+from inercal.settings import (
+    LARGEST_TILT,
+    PLANNING,
+    BenchSection,
+    deviation,
+    gravity_of,
+    measured,
+    si_value,
+    small,
+)
+
+_WIDEST_AZIMUTH = 0.0873  # rad
+_LONGEST_LEVER = 1.0  # m
+
+
+class TurntableSection(BenchSection):
+    """[bench]: a turntable of one to three axes."""
+
+    axes: str = Field("zxy", description="body axes that the axes turn about, outermost first")
+    azimuth: str = "0 ° ± 0.1 °"
+    lean: str = "5 ″"
+    square: str = "2 ″"
+    harmonics: tuple[str, ...] = ("2 ″", "1 ″")
+    noise: str = "0.5 ″"
+    latency: str = "0 ms ± 5 ms"
+    clock: str = "0 ppm"
+    lever: tuple[str, str, str] = Field(("0 mm", "0 mm", "0 mm"), json_schema_extra=PLANNING)
+    rate: tuple[str, ...] = Field(
+        ("30 °/s",), description="limit of all axes, or of each", json_schema_extra=PLANNING
+    )
+    acceleration: tuple[str, ...] = Field(("30 °/s²",), json_schema_extra=PLANNING)
+    jerk: tuple[str, ...] = Field(
+        (),
+        description="limit; without one the rate is a trapezoid",
+        examples=[["100 °/s³"]],
+        json_schema_extra=PLANNING,
+    )
+
+
+def build(section: TurntableSection, folder: Path) -> Turntable:
+    """Return the bench in SI; files that it names lie in `folder`."""
+    if section.latitude is None:
+        raise InputError("[bench] latitude is missing: gyros on a turntable feel the earth's rate")
+    x, y, z = (measured(arm, "m", "[bench] lever", last_digit=False) for arm in section.lever)
+    if not all(abs(arm.value) + 2 * arm.sd <= _LONGEST_LEVER for arm in (x, y, z)):
+        raise InputError(
+            f"[bench] lever: {', '.join(section.lever)}: an IMU on a table is no more than 1 m "
+            "from where the axes cross"
+        )
+    azimuth = measured(section.azimuth, "°", "[bench] azimuth")
+    if azimuth.sd > _WIDEST_AZIMUTH:
+        raise InputError(
+            f"[bench] azimuth: {section.azimuth!r}: its deviation is more than 5°, beyond which "
+            "what it does is not linear; state it nearer"
+        )
+    key = "[bench] harmonics"
+    harmonics = tuple(si_value(text, "°", key) for text in section.harmonics)
+    if not all(0 <= sd <= LARGEST_TILT for sd in harmonics):
+        raise InputError(f"{key}: {', '.join(section.harmonics)}: give each from 0 to 1°")
+    return Turntable(
+        gravity=gravity_of(section),
+        latitude=si_value(section.latitude, "°", "[bench] latitude"),
+        azimuth=azimuth,
+        axes=section.axes,
+        lean=small(section, "lean"),
+        square=small(section, "square"),
+        harmonics=harmonics,
+        white=small(section, "noise"),
+        latency=measured(section.latency, "s", "[bench] latency"),
+        clock=deviation(section, "clock", "1"),
+        lever=(x, y, z),
+        limits=_limits(section),
+    )
+
+
+def _limits(section: TurntableSection) -> tuple[Limits, ...]:
+    """Return the limits of all axes alike, or of each where one key has several."""
+    likes = {"rate": "°/s", "acceleration": "°/s²", "jerk": "°/s³"}
+    stated: dict[str, tuple[str, ...]] = {name: getattr(section, name) for name in likes}
+    axes = max(map(len, stated.values()))
+    each: dict[str, list[float | None]] = {}
+    for name, texts in stated.items():
+        values = [si_value(text, likes[name], f"[bench] {name}") for text in texts]
+        if not values and name == "jerk":
+            each[name] = [None] * axes
+        elif len(values) in (1, axes):
+            each[name] = [*values] * (axes // len(values))
+        else:
+            raise InputError(f"[bench] {name}: {len(values)} limits; give one for all axes or each")
+    made: list[Limits] = []
+    for rate, acceleration, jerk in zip(*each.values(), strict=True):
+        assert rate is not None  # only a jerk may be without limit
+        assert acceleration is not None
+        made.append(Limits(rate, acceleration, jerk))
+    return tuple(made)
