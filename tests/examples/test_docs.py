@@ -200,7 +200,7 @@ def snippets(name: str) -> list[str]:
 def test_the_snippets_of_the_calibration_page_apply_and_verify_a_file(tmp_path: Path):
     run = inercal.calibrate(ROOT / "examples/six_position/run.toml").calibration
     file = inercal.save(run, tmp_path / "run.calibration.json")
-    apply, verify = (s.replace("run.calibration.json", str(file)) for s in snippets(
+    apply, share, verify = (s.replace("run.calibration.json", str(file)) for s in snippets(
         "reference/calibration-file.md"
     ))  # fmt: skip
     scope: dict[str, Any] = {}
@@ -208,6 +208,9 @@ def test_the_snippets_of_the_calibration_page_apply_and_verify_a_file(tmp_path: 
     matrix, offset = run.linear()
     np.testing.assert_allclose(scope["matrix"], matrix, rtol=1e-9, atol=1e-15)
     np.testing.assert_allclose(scope["offset"], offset, rtol=1e-12)
+    shared: dict[str, Any] = {}
+    exec(share, shared)
+    assert (np.diag(shared["own"]) < np.diag(run.covariance)).any()
     exec(verify, {})
 
 
