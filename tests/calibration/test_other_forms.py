@@ -342,7 +342,9 @@ def test_what_is_shared_moves_as_the_values_do(to: str):
     h = 1e-4  # m/s²
     step = h * known.shared[0].sensitivity
     there, here = (changed(replace(known, values=known.values + s * step)) for s in (1, -1))
-    (found,) = changed(known).shared or ()
+    after = changed(known).shared
+    assert after is not None
+    (found,) = after
     expected = (there.values - here.values) / (2 * h)
     assert found.sensitivity == pytest.approx(expected, rel=1e-6, abs=1e-9 * np.abs(expected).max())
     assert (found.name, found.std, found.determination) == ("g", 1e-4, "a")

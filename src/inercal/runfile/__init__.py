@@ -6,7 +6,7 @@ names the file, the key and what is possible there.
 
 import tomllib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from hashlib import sha256
 from inspect import signature
@@ -38,6 +38,7 @@ from inercal.runfile.checks import (
 from inercal.runfile.gravity import against_place
 from inercal.runfile.path import on_path
 from inercal.runfile.priors import prior_from, static_prior
+from inercal.runfile.reading import apart
 from inercal.runfile.schema import DataSection, MethodSection, RunSchema
 from inercal.runfile.search import searching
 from inercal.runfile.wording import worded
@@ -90,6 +91,8 @@ class Run:
         What the laboratory calls its bench; empty where it says nothing.
     findings : tuple of Finding
         What the statements of the run file say of one another.
+    reader_options : mapping of str to object
+        Keys of [data] that belong to the reader of a format (`inercal.io.readers`).
     """
 
     path: Path
@@ -108,6 +111,7 @@ class Run:
     search: Options | None = None
     bench_name: str = ""
     findings: tuple[Finding, ...] = ()
+    reader_options: Mapping[str, object] = field(default_factory=dict[str, object])
 
     @cached_property
     def steps(self) -> tuple[Step, ...]:
@@ -177,12 +181,18 @@ def read(path: str | Path, method_keys: Mapping[str, object] | None = None) -> R
     whole = dict(content)
     if isinstance(content.get("bench"), dict):
         whole["bench"] = {"kind": "hand"} | content["bench"]
+    options: dict[str, Any] = {}
     try:
+        if isinstance(content.get("data"), dict):
+            whole["data"], options = apart(content["data"])
         schema = RunSchema.model_validate(whole)
     except ValidationError as error:
         raise InputError(f"{path}: {worded(error, content)}") from None
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
     try:
-        return _build(path, sha256(raw).hexdigest(), schema)
+        run = _build(path, sha256(raw).hexdigest(), schema)
+        return replace(run, reader_options=options) if options else run
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 

@@ -13,6 +13,7 @@ from typing import Any, Literal, NamedTuple, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
+from inercal.io.readers import known_options
 from inercal.runfile.schema import BENCHES, RunSchema
 
 _QUANTITY = re.compile(r"[-+]?[0-9.]+ \S.*")
@@ -84,9 +85,12 @@ def _unknown(loc: tuple[int | str, ...], value: object, content: Mapping[str, An
         )
     dotted = _dotted(names)
     line = f"unknown section [{dotted}]" if isinstance(value, dict) else f"unknown key {dotted}"
-    if near := get_close_matches(names[-1], tuple(model.model_fields), n=1):
+    possible = tuple(model.model_fields)
+    if place.names == ("data",):
+        possible += tuple(known_options())
+    if near := get_close_matches(names[-1], possible, n=1):
         line += f"; did you mean {near[0]}?"
-    line += f"; possible here: {', '.join(model.model_fields)}"
+    line += f"; possible here: {', '.join(possible)}"
     owners = [f'"{kind}"' for kind, bench in BENCHES.items() if names[-1] in bench.model_fields]
     if place.names == ("bench",) and owners:
         if "kind" not in content["bench"]:
