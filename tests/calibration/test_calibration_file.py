@@ -4,13 +4,14 @@ import errno
 import hashlib
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from inercal.calibration import Calibration
+from inercal.calibration import Calibration, SharedError, Validity
 from inercal.calibration.files import load, save
 from inercal.errors import InputError
 from inercal.frames import exp_so3
@@ -38,6 +39,12 @@ def calibration(seed: int = 1) -> Calibration:
         ("the first line", "another; with „quotes“ and \\ and \n"),
         "triangular",
         exp_so3(rng.standard_normal(3)),
+        shared=(
+            SharedError("g", "m/s²", 1 / 3e4, rng.standard_normal(p), "ab12", "2025-11-30"),
+            SharedError("sin1[outer]", "rad", 1e-5, 1e-9 * rng.standard_normal(p), "cd34"),
+        ),
+        validity=Validity(rate=(-1 / 3, 2.5), temperature=(293.15, 298.0)),
+        job={"order": "2026-17", "customer": "Werk № 4"},
     )
 
 
@@ -83,12 +90,39 @@ def test_every_number_comes_back_bit_for_bit(tmp_path: Path, seed: int):
     ]
     for name in ("name", "coefficients", "form", "reference_temperature"):
         assert getattr(found.sensor, name) == getattr(written.sensor, name)
-    for name in ("method", "estimator", "conditions", "provenance", "notes", "frame"):
+    for name in ("method", "estimator", "conditions", "provenance", "notes", "frame", "job"):
         assert getattr(found, name) == getattr(written, name)
+    assert found.validity == written.validity
+    assert [vars(one) | {"covariance": one.covariance.tobytes()} for one in found.shared or ()] == [
+        vars(one) | {"covariance": one.covariance.tobytes()} for one in written.shared or ()
+    ]
 
 
 def test_saving_what_was_loaded_writes_the_same_bytes(saved: Path, tmp_path: Path):
     assert save(load(saved), tmp_path / "b.json").read_bytes() == saved.read_bytes()
+
+
+def test_what_is_not_known_is_left_out_and_none_is_not_nothing(tmp_path: Path):
+    path = tmp_path / "a.calibration.json"
+    bare = replace(calibration(), shared=None, validity=None, job={})
+    content = json.loads(save(bare, path).read_text(encoding="utf-8"))
+    assert not {"shared", "validity", "job"} & set(content)
+    assert (load(path).shared, load(path).validity, load(path).job) == (None, None, {})
+    save(replace(bare, shared=(), validity=Validity()), path)
+    assert (load(path).shared, load(path).validity) == ((), Validity())
+
+
+def test_a_file_of_schema_1_is_read_and_written_as_schema_2(tmp_path: Path):
+    first = Path(__file__).with_name("schema_1.calibration.json")
+    old = json.loads(first.read_text(encoding="utf-8"))
+    assert old["schema"] == "inercal/calibration/1"
+    found = load(first)
+    assert (found.shared, found.validity, found.job) == (None, None, {})
+    new = json.loads(save(found, tmp_path / "b.json").read_text(encoding="utf-8"))
+    assert new.pop("schema") == "inercal/calibration/2"
+    assert new.pop("sha256") != old.pop("sha256")
+    old.pop("schema")
+    assert new == old
 
 
 def test_coefficients_are_written_with_si_units(saved: Path):
@@ -136,10 +170,11 @@ def test_a_changed_digit_in_the_text_is_detected(saved: Path):
     assert "changed since it was written" in refusal(saved)
 
 
-@pytest.mark.parametrize("schema", ["inercal/calibration/2", "imucal/1", None, 7])
+@pytest.mark.parametrize("schema", ["inercal/calibration/3", "imucal/1", None, 7])
 def test_another_schema_is_refused_with_the_one_that_is_read(saved: Path, schema: object):
     message = refusal(changed(saved, lambda c: c.update(schema=schema), hashed=True))
-    assert f"schema {schema!r}; this version reads 'inercal/calibration/1'" in message
+    read = "'inercal/calibration/2' and 'inercal/calibration/1'"
+    assert f"schema {schema!r}; this version reads {read}" in message
 
 
 @pytest.mark.parametrize(
@@ -157,6 +192,17 @@ def test_another_schema_is_refused_with_the_one_that_is_read(saved: Path, schema
         lambda c: c.update(frame="sideways"),
         lambda c: c["sensor"].update(form="twisted"),
         lambda c: c.update(notes=7),
+        lambda c: c["shared"][0]["covariance"].pop(),
+        lambda c: c["shared"][0].pop("determination"),
+        lambda c: c["shared"][0].update(date=[]),
+        lambda c: c["shared"][0].update(std=0.0),
+        lambda c: c["shared"][1].update(name="g"),
+        lambda c: c.update(shared=7),
+        lambda c: c.update(validity=[1, 2]),
+        lambda c: c["validity"].update(pressure=[0, 1]),
+        lambda c: c["validity"].update(rate=[1, -1]),
+        lambda c: c.update(job={"order": 7}),
+        lambda c: c.update(job=["7"]),
     ],
 )
 def test_fields_that_do_not_fit_are_refused(saved: Path, change: Callable[[Any], object]):

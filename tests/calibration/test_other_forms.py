@@ -1,12 +1,13 @@
 """The same calibration in IEEE 1293's equation, in the tilted form and in other body frames."""
 
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from inercal.calibration import Calibration
+from inercal.calibration import Calibration, Converted, SharedError
 from inercal.errors import InputError
 from inercal.motion import Motion
 from inercal.sensors import G0, Readout, Sensor, imu, pair, triad
@@ -316,3 +317,50 @@ def test_the_tilted_form_changes_frame_as_the_reference_form_does(
     seen = Motion(motion.f @ turned.mount.T, motion.w @ turned.mount.T)
     assert readings(turned, seen) == pytest.approx(readings(known, motion), abs=1e-11)
     assert turned.mount == pytest.approx(known.in_frame(frame).mount, abs=1e-12)
+
+
+# What is shared
+
+
+def sharing(known: Calibration) -> Calibration:
+    """Return it with an error of the bench that moves all coefficients."""
+    rng = np.random.default_rng(3)
+    column = 1e-4 * known.sensor.natural * rng.uniform(-1, 1, known.values.size)
+    return replace(known, shared=(SharedError("g", "m/s²", 1e-4, column * 1e-4, "a"),))
+
+
+@pytest.mark.parametrize("to", ["tilted", "triangular", "symmetric", "ieee1293"])
+def test_what_is_shared_moves_as_the_values_do(to: str):
+    known = sharing(calibration(imu(), *AFFINE))
+
+    def changed(one: Calibration) -> Calibration | Converted:
+        if to == "ieee1293":
+            return one.ieee1293()
+        return one.in_form("tilted") if to == "tilted" else one.in_frame(FRAMES[to == "symmetric"])
+
+    assert known.shared is not None
+    h = 1e-4  # m/s²
+    step = h * known.shared[0].sensitivity
+    there, here = (changed(replace(known, values=known.values + s * step)) for s in (1, -1))
+    after = changed(known).shared
+    assert after is not None
+    (found,) = after
+    expected = (there.values - here.values) / (2 * h)
+    assert found.sensitivity == pytest.approx(expected, rel=1e-6, abs=1e-9 * np.abs(expected).max())
+    assert (found.name, found.std, found.determination) == ("g", 1e-4, "a")
+
+
+def test_what_is_not_known_to_be_shared_stays_so():
+    known = calibration(imu(), *AFFINE)
+    assert known.in_frame("triangular").shared is None
+    assert replace(known, shared=()).in_form("tilted").shared == ()
+
+
+def test_a_shared_error_of_other_coefficients_is_refused():
+    known = sharing(calibration(imu(), *AFFINE))
+    assert known.shared is not None
+    with pytest.raises(InputError, match=r"shared g of 3 coefficients has \d\d covariances"):
+        replace(known, sensor=triad().with_coefficients("bias"), values=np.zeros(3),
+                covariance=np.eye(3))  # fmt: skip
+    with pytest.raises(InputError, match="in 2 places"):
+        replace(known, shared=(*known.shared, *known.shared))

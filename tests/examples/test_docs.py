@@ -15,6 +15,7 @@ from tests.store import generator
 
 import inercal
 from inercal.benches import Hand
+from inercal.benches.kinds import KINDS
 from inercal.cli import store_objects
 from inercal.methods import METHODS
 from inercal.pipeline import calibrate
@@ -31,11 +32,11 @@ PAGES = sorted([*DOCS.glob("**/*.md"), *ROOT.glob("*.md")])
 SECTIONS: dict[str, type[BaseModel]] = {
     "[sensor]": schema.SensorSection,
     "[sensor.accelerometer] and [sensor.gyro]": schema.ReadoutSection,
-    "[bench], by hand": schema.HandSection,
-    "[bench], on a centrifuge": schema.CentrifugeSection,
-    "[bench], on a dividing head": schema.DividingHeadSection,
-    "[bench], on a rate table": schema.RateTableSection,
-    "[bench], on a turntable": schema.TurntableSection,
+    "[bench], by hand": KINDS["hand"].section,
+    "[bench], on a centrifuge": KINDS["centrifuge"].section,
+    "[bench], on a dividing head": KINDS["dividing_head"].section,
+    "[bench], on a rate table": KINDS["rate_table"].section,
+    "[bench], on a turntable": KINDS["turntable"].section,
     "[data]": schema.DataSection,
     "[method]": schema.MethodSection,
     "[method.search]": schema.SearchSection,
@@ -200,7 +201,7 @@ def snippets(name: str) -> list[str]:
 def test_the_snippets_of_the_calibration_page_apply_and_verify_a_file(tmp_path: Path):
     run = inercal.calibrate(ROOT / "examples/six_position/run.toml").calibration
     file = inercal.save(run, tmp_path / "run.calibration.json")
-    apply, verify = (s.replace("run.calibration.json", str(file)) for s in snippets(
+    apply, share, verify = (s.replace("run.calibration.json", str(file)) for s in snippets(
         "reference/calibration-file.md"
     ))  # fmt: skip
     scope: dict[str, Any] = {}
@@ -208,6 +209,9 @@ def test_the_snippets_of_the_calibration_page_apply_and_verify_a_file(tmp_path: 
     matrix, offset = run.linear()
     np.testing.assert_allclose(scope["matrix"], matrix, rtol=1e-9, atol=1e-15)
     np.testing.assert_allclose(scope["offset"], offset, rtol=1e-12)
+    shared: dict[str, Any] = {}
+    exec(share, shared)
+    assert (np.diag(shared["own"]) < np.diag(run.covariance)).any()
     exec(verify, {})
 
 

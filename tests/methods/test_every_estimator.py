@@ -11,6 +11,7 @@ from inercal.benches import (
     Centrifuge,
     DividingHead,
     Hand,
+    MeanBench,
     RateTable,
     Turntable,
 )
@@ -45,6 +46,7 @@ def perfect(sensor: Sensor, c: np.ndarray, method: str) -> Observations:
     bench = bench_of(method)
     if isinstance(bench, Turntable):
         return followed(bench, steps, sensor, c)
+    assert isinstance(bench, MeanBench)
     motion = bench.mean_motion(steps, {}).motion
     m = len(sensor.axes)
     return Observations(

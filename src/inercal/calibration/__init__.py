@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 from inercal.calibration.forms import Converted, Frame, ieee1293, reform, reframe
 from inercal.calibration.grade import Verdict
+from inercal.calibration.shared import Shared, SharedError, moved
+from inercal.calibration.validity import Validity
 from inercal.errors import InputError
 from inercal.motion import Motion
 from inercal.recording import Recording
@@ -42,6 +44,18 @@ class Calibration:
         Rotation that takes vectors from the mounting frame to this frame.
     verdict : Verdict or None
         How far the result can be relied on; None where a file does not say.
+    shared : tuple of SharedError or None
+        Errors of the bench that the covariance holds and that other calibrations may have too;
+        None where a file does not say.
+    validity : Validity or None
+        The ranges that the data covered; None where a file does not say.
+    job : mapping of str to str
+        What the calibration was ordered as, in words: reserved, no run file states it yet.
+
+    Raises
+    ------
+    InputError
+        Values that are not finite, shapes that disagree, or one shared error twice.
     """
 
     sensor: Sensor
@@ -55,6 +69,9 @@ class Calibration:
     frame: Frame = "mount"
     mount: Array = field(default_factory=lambda: np.eye(3))
     verdict: Verdict | None = None
+    shared: Shared = None
+    validity: Validity | None = None
+    job: Mapping[str, str] = field(default_factory=dict[str, str])
 
     def __post_init__(self) -> None:
         p = len(self.sensor.coefficients)
@@ -65,6 +82,13 @@ class Calibration:
                 f"calibration of {self.sensor.name}: {p} coefficients, values {self.values.shape}, "
                 f"covariance {self.covariance.shape}"
             )
+        names = [one.name for one in self.shared or ()]
+        for one in self.shared or ():
+            if one.covariance.shape != (p,) or names.count(one.name) > 1:
+                raise InputError(
+                    f"calibration of {self.sensor.name}: shared {one.name} of {p} coefficients has "
+                    f"{one.covariance.size} covariances, in {names.count(one.name)} places"
+                )
 
     @property
     def std(self) -> Array:
@@ -191,7 +215,7 @@ class Calibration:
         # The standard's equation is the reference form; nonlinear terms stay along their own axis.
         linear = replace(self.sensor, form="reference").affine
         plain = self.in_form("reference") if linear else self
-        return ieee1293(plain.sensor, plain.values, plain.covariance)
+        return ieee1293(plain.sensor, plain.values, plain.covariance, plain.shared)
 
     def in_form(self, form: Form) -> "Calibration":
         """Return the calibration with its model in the "reference" or the "tilted" form.
@@ -205,8 +229,13 @@ class Calibration:
         """
         if form == self.sensor.form:
             return self
-        sensor, values, covariance = reform(self.sensor, self.values, self.covariance)
-        return replace(self, sensor=sensor, values=values, covariance=covariance)
+        sensor, values, by = reform(self.sensor, self.values, self.covariance)
+        return self._of(sensor, values, by)
+
+    def _of(self, sensor: Sensor, values: Array, by: Array) -> "Calibration":
+        """Return other coefficients whose derivatives by these are `by`, (q, p)."""
+        covariance, shared = by @ self.covariance @ by.T, moved(self.shared, by)
+        return replace(self, sensor=sensor, values=values, covariance=covariance, shared=shared)
 
     def in_frame(self, frame: Frame) -> "Calibration":
         """Return the calibration referred to another body frame.
@@ -225,17 +254,8 @@ class Calibration:
         if frame not in ("triangular", "symmetric"):
             raise InputError(f"frame {frame!r}; 'triangular' or 'symmetric' can be made of 'mount'")
         plain = self.in_form("reference")
-        sensor, values, covariance, turn = reframe(
-            plain.sensor, plain.values, plain.covariance, frame
-        )
-        turned = replace(
-            plain,
-            sensor=sensor,
-            values=values,
-            covariance=covariance,
-            frame=frame,
-            mount=turn @ self.mount,
-        )
+        sensor, values, by, turn = reframe(plain.sensor, plain.values, plain.covariance, frame)
+        turned = replace(plain._of(sensor, values, by), frame=frame, mount=turn @ self.mount)
         return turned.in_form(self.sensor.form)
 
 
@@ -246,4 +266,4 @@ def _same_unit(first: str, second: str) -> bool:
         return False
 
 
-__all__ = ["Calibration", "Converted", "Frame"]
+__all__ = ["Calibration", "Converted", "Frame", "SharedError", "Validity"]

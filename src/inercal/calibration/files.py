@@ -1,9 +1,12 @@
 """Calibrations on disk: versioned JSON, `*.calibration.json`.
 
-Schema "inercal/calibration/1": `sensor` (axes with input and pendulous axes, readout),
+Schema "inercal/calibration/2": `sensor` (axes with input and pendulous axes, readout),
 `coefficients` (a list of name, value, std, unit; SI), `covariance` in that order, `conditions`,
-`provenance`, `notes`, `frame`, `mount`, `verdict` (grade, reasons, tests, suspect; files written
-before it was there have none), and `sha256`, the hash of all the rest.
+`provenance`, `notes`, `frame`, `mount`, `verdict` (grade, reasons, tests, suspect), `shared` (a
+list of errors of the bench that other calibrations may have too), `validity` (ranges by name),
+`job` (texts by name), and `sha256`, the hash of all the rest. What is not known is left out.
+
+Files of schema 1 have neither `shared`, `validity` nor `job`, and are read.
 """
 
 import hashlib
@@ -13,12 +16,13 @@ from typing import Any, cast, get_args
 
 import numpy as np
 
-from inercal.calibration import Calibration, Frame, grade
+from inercal.calibration import Calibration, Frame, SharedError, Validity, grade
 from inercal.errors import InercalError, InputError
 from inercal.io.atomic import atomic_write
 from inercal.sensors import SI_UNITS, Axis, Form, Readout, Sensor
 
-SCHEMA = "inercal/calibration/1"
+SCHEMA = "inercal/calibration/2"
+_READ = (SCHEMA, "inercal/calibration/1")
 
 
 def as_object(calibration: Calibration) -> dict[str, Any]:
@@ -63,7 +67,25 @@ def as_object(calibration: Calibration) -> dict[str, Any]:
     }
     if calibration.verdict is not None:
         content["verdict"] = grade.as_object(calibration.verdict)
+    if calibration.shared is not None:
+        content["shared"] = [_shared_object(one) for one in calibration.shared]
+    if calibration.validity is not None:
+        known = calibration.validity.ranges
+        content["validity"] = {name: list(found) for name, found in known.items()}
+    if calibration.job:
+        content["job"] = dict(calibration.job)
     return content | {"sha256": _hash(content)}
+
+
+def _shared_object(one: SharedError) -> dict[str, Any]:
+    return {
+        "name": one.name,
+        "unit": one.unit,
+        "std": one.std,
+        "determination": one.determination,
+        "date": one.date,
+        "covariance": one.covariance.tolist(),
+    }
 
 
 def _hash(content: dict[str, Any]) -> str:
@@ -122,9 +144,9 @@ def parse(text: str, source: str) -> Calibration:
     except (ValueError, RecursionError):
         raise InputError(f"{source}: not a calibration file: it is no JSON text") from None
     fields = cast(dict[str, Any], content) if isinstance(content, dict) else {}
-    if fields.get("schema") != SCHEMA:
-        found = fields.get("schema")
-        raise InputError(f"{source}: schema {found!r}; this version reads {SCHEMA!r}")
+    if fields.get("schema") not in _READ:
+        read = " and ".join(map(repr, _READ))
+        raise InputError(f"{source}: schema {fields.get('schema')!r}; this version reads {read}")
     stated = fields.pop("sha256", None)
     try:
         digest = _hash(fields)
@@ -137,7 +159,7 @@ def parse(text: str, source: str) -> Calibration:
         )
     try:
         return _from_object(fields)
-    except (KeyError, TypeError, ValueError, InercalError) as error:
+    except (AttributeError, KeyError, TypeError, ValueError, InercalError) as error:
         raise InputError(f"{source}: broken calibration file: {error}") from None
 
 
@@ -164,6 +186,7 @@ def _from_object(content: dict[str, Any]) -> Calibration:
     if mount.shape != (3, 3):
         raise InputError(f"mount has shape {mount.shape}, not (3, 3)")
     notes, judged = tuple(content["notes"]), content.get("verdict")
+    shared, validity = content.get("shared"), content.get("validity")
     return Calibration(
         sensor,
         np.array([c["value"] for c in content["coefficients"]], dtype=float),
@@ -176,4 +199,28 @@ def _from_object(content: dict[str, Any]) -> Calibration:
         content["frame"],
         mount,
         None if judged is None else grade.from_object(judged, notes),
+        None if shared is None else tuple(map(_shared_error, shared)),
+        None if validity is None else Validity(**{k: _range(v) for k, v in validity.items()}),
+        _texts("job", content.get("job", {})),
     )
+
+
+def _shared_error(content: dict[str, Any]) -> SharedError:
+    column = np.array(content["covariance"], dtype=float)
+    date = content["date"]
+    texts = [content[key] for key in ("name", "unit", "determination")]
+    if not all(isinstance(text, str) for text in (*texts, "" if date is None else date)):
+        raise InputError("shared: name, unit, determination and date are texts")
+    name, unit, determination = texts
+    return SharedError(name, unit, float(content["std"]), column, determination, date)
+
+
+def _range(ends: list[float]) -> tuple[float, float]:
+    least, largest = ends
+    return float(least), float(largest)
+
+
+def _texts(name: str, content: dict[str, Any]) -> dict[str, str]:
+    if not all(isinstance(text, str) for text in content.values()):
+        raise InputError(f"{name}: texts by name are expected")
+    return content

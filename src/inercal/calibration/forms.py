@@ -16,10 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal import frames
+from inercal.calibration.shared import Shared, moved
 from inercal.errors import InputError
 from inercal.keys import CoefficientName
 from inercal.sensors import G0, Sensor
-from inercal.uncertainty import propagate
+from inercal.uncertainty.propagation import linearised
 
 Array = NDArray[np.float64]
 Frame = Literal["mount", "triangular", "symmetric"]
@@ -36,12 +37,15 @@ class Converted:
     values : (q,) array
         In those units.
     covariance : (q, q) array
+    shared : tuple of SharedError or None
+        As of `Calibration`, of these coefficients.
     """
 
     names: tuple[str, ...]
     units: tuple[str, ...]
     values: Array
     covariance: Array
+    shared: Shared = None
 
     @property
     def std(self) -> Array:
@@ -49,7 +53,7 @@ class Converted:
         return np.sqrt(np.diag(self.covariance))
 
 
-def ieee1293(sensor: Sensor, values: Array, covariance: Array) -> Converted:
+def ieee1293(sensor: Sensor, values: Array, covariance: Array, shared: Shared = None) -> Converted:
     """Return the coefficients of E = K₁ (K₀ + a + K₂ a² + δ_O a_P − δ_P a_O + …).
 
     E is the output minus the readout's offset, a in g. Names are "x.K1" (output units per g) and
@@ -92,8 +96,9 @@ def ieee1293(sensor: Sensor, values: Array, covariance: Array) -> Converted:
                 result.append(by_name[full] / gain / sensor.coefficient(full).natural)
         return np.array(result)
 
-    found, spread = propagate(convert, values, covariance)
-    return Converted(tuple(names), tuple(units), found, spread)
+    found, by = linearised(convert, values, covariance)
+    spread = by @ covariance @ by.T
+    return Converted(tuple(names), tuple(units), found, spread, moved(shared, by))
 
 
 def _in_g(sensor: Sensor, full: str) -> str:
@@ -103,7 +108,9 @@ def _in_g(sensor: Sensor, full: str) -> str:
 
 
 def reform(sensor: Sensor, values: Array, covariance: Array) -> tuple[Sensor, Array, Array]:
-    """Return sensor, values (q,) and covariance (q, q), SI, with the model in its other form.
+    """Return sensor, values (q,), SI, and ∂values (q, p), with the model in its other form.
+
+    The derivatives are by the p values before, over the range that `covariance` gives.
 
     The reference form's scale and misalignments 1 + k1′, δ_O′, δ_P′ are the components of one
     vector, (1 + k1) times the unit input axis h = (1, tan δ_O, −tan δ_P)/norm of the tilted form::
@@ -148,17 +155,17 @@ def reform(sensor: Sensor, values: Array, covariance: Array) -> tuple[Sensor, Ar
             by_name |= dict(zip(turns, changed.tolist(), strict=True))
         return np.array([by_name[name] for name in full.coefficients])
 
-    found, spread = propagate(convert, values, covariance)
+    found, by = linearised(convert, values, covariance)
     other = "tilted" if sensor.form == "reference" else "reference"
-    return replace(full, form=other), found, spread
+    return replace(full, form=other), found, by
 
 
 def reframe(
     sensor: Sensor, values: Array, covariance: Array, frame: Frame
 ) -> tuple[Sensor, Array, Array, Array]:
-    """Return sensor, values (q,), covariance (q, q), SI, and Q (3, 3) for the frame `frame`.
+    """Return sensor, values (q,), SI, ∂values (q, p) and Q (3, 3) for the frame `frame`.
 
-    Q takes vectors from the present frame to the new one.
+    The derivatives are as of `reform`. Q takes vectors from the present frame to the new one.
 
     Raises
     ------
@@ -206,5 +213,5 @@ def reframe(
                 by_name |= {f"{axis.name}.g_{s}": felt[j] for j, s in enumerate("ipo")}
         return np.array([by_name[name] for name in full.coefficients])
 
-    found, spread = propagate(convert, values, covariance)
-    return full, found, spread, rotation(values)
+    found, by = linearised(convert, values, covariance)
+    return full, found, by, rotation(values)

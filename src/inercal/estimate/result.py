@@ -7,8 +7,8 @@ the model was stated too well, and uncertainties are enlarged by the Birge ratio
 """
 # pyright: reportMissingTypeStubs=false
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -109,6 +109,9 @@ class Estimate:
         Tests of the model beside that of `chi2`, or of its groups (first trial).
     scoring : Once of Scored
         Returns `scored`: most estimates of a simulation never need it.
+    sensitivities : mapping of str to (..., p) array
+        ∂(estimates)/∂(stated value) of what `covariance` counts and does not tell by itself:
+        quantities that are known beforehand and eliminated, or estimated in parts.
     """
 
     names: tuple[str, ...]
@@ -131,6 +134,7 @@ class Estimate:
     courses: tuple[Course, ...] = ()
     tests: tuple[Test, ...] = ()
     scoring: Once[Scored] = UNSCORED
+    sensitivities: Mapping[str, Array] = field(default_factory=dict[str, Array])
 
     @classmethod
     def of_formulas(
@@ -210,6 +214,28 @@ class Estimate:
         product = sd[..., :, None] * sd[..., None, :]
         return self.covariance / np.where(product > 0, product, 1.0)
 
+    def sensitivity(self, name: str, sd: float) -> Array | None:
+        """Return ∂(estimates)/∂(stated value) of a quantity known beforehand, (..., p).
+
+        With a prior N(q₀, sd²) that is cov(estimates, q) / sd², by the covariance as modelled.
+
+        Parameters
+        ----------
+        name : str
+        sd : float
+            Of the prior, positive.
+
+        Returns
+        -------
+        (..., p) array or None
+            None where the covariance does not count the quantity.
+        """
+        if name in self.sensitivities:
+            return self.sensitivities[name]
+        if name not in self.names:
+            return None
+        return self.covariance[..., self.names.index(name)] / sd**2
+
     def select(self, names: Sequence[str]) -> "Estimate":
         """Return the estimate of these parameters only, in this order.
 
@@ -228,4 +254,5 @@ class Estimate:
             value=self.value[..., index],
             covariance=self.covariance[..., index, :][..., index],
             wanted=tuple(name for name in self.wanted if name in names),
+            sensitivities={name: by[..., index] for name, by in self.sensitivities.items()},
         )

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from inercal.errors import InputError
+from inercal.io.readers import Reader
 from inercal.io.table import Table, Wanted, shortened
 from inercal.io.variables import (
     CELL,
@@ -133,3 +134,12 @@ def _cells(data: Any) -> list[str]:
         else:
             raise InputError(f"{Path(data.file.filename).name}: {data.name[1:]!r} {CELL}")
     return texts
+
+
+# At 124 a MATLAB file of version 7.3 states its version, and IM or MI for the order of bytes.
+READER = Reader(
+    "hdf5",
+    read_hdf5,
+    content=((0, b"\x89HDF"), (124, b"\0\2IM"), (124, b"\2\0MI")),
+    suffixes=(".h5", ".hdf5"),
+)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.errors import InputError
+from inercal.io.readers import Reader
 from inercal.io.table import Table, Wanted, shortened
 from inercal.io.variables import (
     CELL,
@@ -132,3 +133,14 @@ def _text(cell: Any) -> str | None:
     if cell.size == 0:  # '' and [] alike
         return ""
     return str(cell.flat[0]) if cell.dtype.kind == "U" else None
+
+
+# Versions 5 to 7 have a title and, at 124, their version. Version 4 has neither, and what was saved
+# with -ascii is text.
+READER = Reader(
+    "mat",
+    read_mat,
+    content=((0, b"MATLAB 5.0 MAT-file"), (124, b"\0\1IM"), (124, b"\1\0MI")),
+    suffixes=(".mat",),
+    binary=True,
+)

@@ -72,7 +72,7 @@ def read_columns(path: Path, columns: Columns, more: Sequence[str]) -> Table:
     InputError
         A column is missing.
     """
-    table = read_table(path)
+    table = read_table(path, options=columns.options)
     label = () if columns.label is None else (columns.label,)
     for name in (*label, *(name for _, name, _ in columns.channels), *more):
         if name not in table.columns:

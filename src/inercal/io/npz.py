@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.errors import InputError
+from inercal.io.readers import Reader
 from inercal.io.table import (
     Array,
     Column,
@@ -133,3 +134,6 @@ def _column(array: NDArray[Any], name: str, as_text: bool, source: str) -> NDArr
     if array.dtype.kind not in "fiubU":
         raise InputError(f"{source}: array {name!r} of {array.dtype} is neither numbers nor text")
     return array
+
+
+READER = Reader("npz", read_npz, content=((0, b"PK\x03\x04"),), suffixes=(".npz",))

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.errors import InputError
+from inercal.io.readers import Reader
 from inercal.io.table import (
     BLOCK,
     Array,
@@ -120,3 +121,6 @@ def _numbers(pyarrow: Any, values: Any) -> Array:
     if pyarrow.types.is_dictionary(values.type):
         values = values.cast(values.type.value_type)
     return np.asarray(values.to_numpy(zero_copy_only=False), dtype=np.float64)
+
+
+READER = Reader("parquet", read_parquet, content=((0, b"PAR1"),), suffixes=(".parquet", ".pq"))

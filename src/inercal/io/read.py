@@ -1,8 +1,8 @@
 """Tables and recordings from files of any known kind."""
 
 import os
-from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -10,39 +10,13 @@ import numpy as np
 from inercal.errors import InputError
 from inercal.io.audit import Nonfinite, accept, audit, audit_rows
 from inercal.io.counter import from_counter
-from inercal.io.hdf5 import read_hdf5
-from inercal.io.mat import read_mat
-from inercal.io.npz import read_npz
-from inercal.io.parquet import read_parquet
+from inercal.io.readers import HEAD, Reader, reader_for, refuse_others
 from inercal.io.stamps import from_iso, looks_iso, require_unit
 from inercal.io.table import Table, Wanted, open_error
-from inercal.io.text import read_text
 from inercal.recording import Array, Recording
 from inercal.units import factor, to_si
 
-_Reader = Callable[[Path, Wanted], Table]
-_BY_CONTENT: dict[bytes, _Reader] = {
-    b"PK\x03\x04": read_npz,
-    b"PAR1": read_parquet,
-    b"\x89HDF": read_hdf5,
-    b"MATLAB 5.0 MAT-file": read_mat,  # and 6 and 7
-}
-# After the title: the version, and IM or MI for the order of bytes.
-_BY_VERSION: dict[bytes, _Reader] = {
-    b"\0\1IM": read_mat,
-    b"\1\0MI": read_mat,
-    b"\0\2IM": read_hdf5,
-    b"\2\0MI": read_hdf5,
-}
-_BY_SUFFIX: dict[str, _Reader] = {
-    ".npz": read_npz,
-    ".parquet": read_parquet,
-    ".pq": read_parquet,
-    ".h5": read_hdf5,
-    ".hdf5": read_hdf5,
-}
 _GZIP = b"\x1f\x8b"
-_TITLE = 124  # bytes of a MATLAB file before its version
 _ROUNDING = 1e-6  # of half a step: stamps of few digits
 
 
@@ -79,6 +53,8 @@ class Columns:
     second : tuple of (axis, column, unit)
         Channels after these, in a file of their own whose rows are the same samples; a time
         column is in both.
+    options : mapping of str to object
+        Of the readers of these files (`inercal.io.readers`).
 
     Raises
     ------
@@ -100,6 +76,7 @@ class Columns:
     modulus: int | None = None
     time_keys: tuple[str, str | None] = ("time_unit", "rate")
     origin: int | None = None
+    options: Mapping[str, object] = field(default_factory=dict[str, object])
 
     def __post_init__(self) -> None:
         for _, _, unit in (*self.channels, *self.second):
@@ -134,8 +111,11 @@ def read_table(
     path: str | os.PathLike[str],
     wanted: Collection[str] | None = None,
     text: Collection[str] = (),
+    options: Mapping[str, object] | None = None,
 ) -> Table:
-    """Read a table: text, .npz, Parquet, .mat or HDF5, told by content and then by suffix.
+    """Read a table: text, .npz, Parquet, .mat, HDF5, or what another package brings a reader for.
+
+    A file is told by its content and then by its suffix.
 
     Parameters
     ----------
@@ -145,40 +125,55 @@ def read_table(
         Columns to return; None for all.
     text : collection of str
         Columns to return as text even where they look like numbers.
+    options : mapping of str to object, optional
+        Of its reader (`inercal.io.readers`).
 
     Raises
     ------
     InputError
         One line: what is wrong, where, and what is possible.
     """
-    return _read(Path(path), Wanted(wanted, text))
+    path, options = Path(path), options or {}
+    _refuse_others(options, path)
+    return _read(path, Wanted(wanted, text), options)
 
 
-def _read(path: Path, wanted: Wanted) -> Table:
+def reader_of(path: Path) -> Reader:
+    """Return the reader of a file, told by its content and then by its suffix.
+
+    Raises
+    ------
+    InputError
+        It is no regular file, it cannot be opened, or it is compressed.
+    """
     try:
         if path.is_dir():
             raise InputError(f"{path} is a folder; name a file in it")
         if path.exists() and not path.is_file():
             raise InputError(f"{path} is no regular file; it is read more than once")
         with path.open("rb") as file:
-            head = file.read(_TITLE + 4)
-        if head.startswith(_GZIP):
-            raise InputError(f"{path.name} is compressed with gzip: unpack it first")
-        return _reader(path, head)(path, wanted)
+            head = file.read(HEAD)
+    except OSError as error:
+        raise open_error(path, error) from error
+    if head.startswith(_GZIP):
+        raise InputError(f"{path.name} is compressed with gzip: unpack it first")
+    return reader_for(path, head)
+
+
+def _read(path: Path, wanted: Wanted, options: Mapping[str, object]) -> Table:
+    """Return the table of a file by the options that its reader knows of those given."""
+    reader = reader_of(path)
+    try:
+        return reader.read(path, wanted, **reader.filled(options))
     except OSError as error:
         raise open_error(path, error) from error
 
 
-def _reader(path: Path, head: bytes) -> _Reader:
-    if head[_TITLE:] in _BY_VERSION:
-        return _BY_VERSION[head[_TITLE:]]
-    for start, reader in _BY_CONTENT.items():
-        if head.startswith(start):
-            return reader
-    suffix = path.suffix.lower()
-    if suffix == ".mat" and b"\0" in head:  # version 4 has no title; saved with -ascii it is text
-        return read_mat
-    return _BY_SUFFIX.get(suffix, read_text)
+def _refuse_others(options: Mapping[str, object], *paths: Path) -> None:
+    """Refuse options that no reader of these files knows."""
+    if options:
+        names = " and ".join(path.name for path in paths)
+        refuse_others(options, names, [reader_of(path) for path in paths])
 
 
 def read_recording(
@@ -229,7 +224,9 @@ def _recording(path: Path, columns: Columns, second: Path | None) -> Recording:
         raise InputError(f"{path}: a second file and the columns in it go together")
     label = () if columns.label is None else (columns.label,)
     together = tuple(column for _, column, _ in columns.channels)
-    table = _read(path, Wanted(columns.names, label, together, spare=len(columns.second)))
+    _refuse_others(columns.options, path, *([] if second is None else [second]))
+    wanted = Wanted(columns.names, label, together, spare=len(columns.second))
+    table = _read(path, wanted, columns.options)
     data = _block(table, together)
     labels = None if columns.label is None else table.columns[columns.label].astype(np.str_)
     temperature = None
@@ -275,7 +272,7 @@ def _second(path: Path, columns: Columns, place: Array, first: tuple[str, Array]
     """Read the columns of the second file into their place, (n, k), and return its table."""
     together = tuple(column for _, column, _ in columns.second)
     names = together if columns.time is None else (columns.time, *together)
-    table = _read(path, Wanted(names, (), together))
+    table = _read(path, Wanted(names, (), together), columns.options)
     block = _block(table, together)
     name, time = first
     if len(block) != len(place):

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from inercal.errors import InputError
 from inercal.io.layout import Layout, columns, sniff
+from inercal.io.readers import Reader
 from inercal.io.scan import scan
 from inercal.io.table import (
     BLOCK,
@@ -216,3 +217,6 @@ def _advice(layout: Layout, line: int, last_line: int, found: int) -> str:
     if line == last_line and found < len(layout.names):
         return _LAST_LINE
     return "repair or remove the line"
+
+
+READER = Reader("text", read_text)

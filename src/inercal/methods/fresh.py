@@ -10,7 +10,7 @@ from math import pi
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.rate_table import RateTable
+from inercal.benches.rate_table.bench import RateTable
 from inercal.estimate import Estimate
 from inercal.methods._base import Fit, Remarks
 from inercal.motion import Motion

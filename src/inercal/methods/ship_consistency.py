@@ -91,6 +91,24 @@ def of_rows(
     return (turned.reshape(*turned.shape[:-4], size, size) + made.T @ made) / G0**2
 
 
+def by_stated(bench: RateTable, steps: Sequence[Spin], gain: Array) -> dict[str, Array]:
+    """Return how θ moves with what is stated of the whole run's errors of a bench, (..., 12).
+
+    Parameters
+    ----------
+    bench, steps
+        Of r rows.
+    gain : (..., 12, 3 r) array
+        As of `consistency`: what is stated adds to f, and so takes from M a + p − f.
+    """
+    made = felt(bench, steps, {}).by
+    return {
+        name: -gain @ made[name].ravel() / G0
+        for name, q in bench.acting(steps).items()
+        if q.scope == "run" and q.sd > 0
+    }
+
+
 def linearised(
     model: Affine, level: Array, f: Array, groups: Array, square: Array
 ) -> tuple[Array, Array]:

@@ -12,7 +12,7 @@ Source: Xiao Changrun, Liu Yang, Liu Ruijie, Transducer and Microsystem Technolo
 equations 1 to 5. The covariance is ours.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -27,7 +27,7 @@ from inercal.methods import fresh, vectors
 from inercal.methods._base import Method
 from inercal.methods.affine import Affine, require_twelve, to_coefficients
 from inercal.methods.observed import require_observed
-from inercal.methods.ship_consistency import Consistency, consistency, of_rows
+from inercal.methods.ship_consistency import Consistency, by_stated, consistency, of_rows
 from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import G0, Sensor
@@ -105,6 +105,7 @@ def estimate_of(
     variance: Array,
     observations: tuple[str, ...],
     agreement: Consistency,
+    moved: Mapping[str, Array],
     *,
     notes: tuple[str, ...],
     rank: int = 12,
@@ -129,6 +130,8 @@ def estimate_of(
     observations : tuple of m str
     agreement : Consistency
         Of the rows that were used.
+    moved : mapping of str to (..., 12) array
+        How θ moves with what is stated of the bench (`by_stated`).
     notes, rank, null_directions, converged, iterations
         Of the estimate.
     """
@@ -156,6 +159,7 @@ def estimate_of(
         iterations=np.ones(trials, dtype=np.intp) if iterations is None else iterations,
         notes=notes,
         scoring=agreement.scoring,
+        sensitivities={name: (slope @ by[..., None])[..., 0] for name, by in moved.items()},
     )
 
 
@@ -224,6 +228,7 @@ def of_level(
         np.diagonal(spread, axis1=-2, axis2=-1),
         tuple(f"f{axis}[{step.label}]" for step in here for axis in "xyz"),
         agreement,
+        by_stated(bench, steps, whole),
         notes=(
             "the mountings' nominal axes are the frame; what pose, seat, speed and lean do to the "
             "coefficients is in their uncertainties",

@@ -65,7 +65,7 @@ from inercal.motion import Motion
 from inercal.plan import Index
 from inercal.recording import Observations
 from inercal.sensors import G0, Sensor
-from inercal.uncertainty import propagate
+from inercal.uncertainty.propagation import linearised
 
 Array = NDArray[np.float64]
 _NEAR = 0.01  # rad; what `fourier` moves readings by to even angles, at most
@@ -181,12 +181,19 @@ def fourier(
     noise = by_angle.drifting(observations, bench, steps).full_covariance
     spread[:-1, :-1] = noise + by_angle.by_bench(sensor, bench, steps, value, gravity=False)
     spread[-1, -1] = bench.gravity.sd**2
-    value, covariance = propagate(formulas, x, spread)
+    value, gain = linearised(formulas, x, spread)
+    covariance = gain @ spread @ gain.T
+    columns = by_angle.readings_by_bench(sensor, bench, steps, value)
+    moved = {name: -gain[:, :-1] @ column for name, column in columns.items()}
     variance = np.linalg.eigvalsh(covariance / np.outer(sensor.natural, sensor.natural))
     singular = 1 / np.sqrt(variance)
     estimate = Estimate.of_formulas(sensor.coefficients, value, covariance, singular)
     estimate = with_tests(estimate, by_angle.problem(observations, sensor, bench, steps))
-    return replace(estimate, notes=harmonics.notes(angle))
+    return replace(
+        estimate,
+        notes=harmonics.notes(angle),
+        sensitivities=moved | {"g": gain[:, -1]},
+    )
 
 
 def _angle(steps: Sequence[Index]) -> Array:

@@ -32,6 +32,8 @@ from inercal.pipeline.inputs import (
     load_recording,
     readback_columns,
 )
+from inercal.pipeline.ranges import validity
+from inercal.pipeline.shared import shared_errors
 from inercal.pipeline.simulation import named_as_in, read_out, simulate, simulate_files
 from inercal.pipeline.stated_noise import against_recording
 from inercal.plan import Step
@@ -188,6 +190,8 @@ def calibrate(
         judged.lines,
         _frame(run),
         verdict=judged,
+        shared=shared_errors(run, estimate, expected, p),
+        validity=validity(sensor, gathered),
     )
     return Outcome(
         calibration,

@@ -8,7 +8,7 @@ from pathlib import Path
 from inercal.benches import Bench, Hand, Turntable
 from inercal.errors import InputError
 from inercal.io.audit import accept
-from inercal.io.read import Columns, read_recording
+from inercal.io.read import Columns, read_recording, reader_of
 from inercal.io.rest import audit_rest_norm
 from inercal.plan import Step
 from inercal.recording import Finding, Mark, Observations, Recording
@@ -174,7 +174,25 @@ def columns(run: Run) -> Columns:
         readback=() if data.table_file is not None else of_readback(run),
         nonfinite=data.nonfinite,
         modulus=data.counter_modulus,
+        options=_options(run),
     )
+
+
+def _options(run: Run) -> dict[str, object]:
+    """Return the options of readers, without those that only the readback's own file has."""
+    table = run.data.table_file
+    theirs = {} if table is None or not run.reader_options else options_of(run, table)
+    names = [run.data.file, *([] if run.data.gyro_file is None else [run.data.gyro_file])]
+    ours = [key for name in names for key in options_of(run, name)] if theirs else []
+    return {k: v for k, v in run.reader_options.items() if k in ours or k not in theirs}
+
+
+def options_of(run: Run, name: str) -> dict[str, object]:
+    """Return the options that the reader of a file knows; none of a file that is not there."""
+    if not run.reader_options or not run.file(name).exists():
+        return {}
+    known = reader_of(run.file(name)).keys
+    return {key: value for key, value in run.reader_options.items() if key in known}
 
 
 def of_readback(run: Run) -> tuple[tuple[str, str, str], ...]:

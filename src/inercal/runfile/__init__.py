@@ -6,7 +6,7 @@ names the file, the key and what is possible there.
 
 import tomllib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from hashlib import sha256
 from inspect import signature
@@ -39,6 +39,7 @@ from inercal.runfile.checks import (
 from inercal.runfile.gravity import against_place
 from inercal.runfile.path import on_path
 from inercal.runfile.priors import prior_from, static_prior
+from inercal.runfile.reading import apart
 from inercal.runfile.schema import DataSection, MethodSection, RunSchema, schema_of
 from inercal.runfile.search import searching
 from inercal.runfile.wording import unknown_kind, worded
@@ -95,6 +96,8 @@ class Run:
         What the laboratory calls its bench; empty where it says nothing.
     findings : tuple of Finding
         What the statements of the run file say of one another.
+    reader_options : mapping of str to object
+        Keys of [data] that belong to the reader of a format (`inercal.io.readers`).
     """
 
     path: Path
@@ -114,6 +117,7 @@ class Run:
     search: Options | None = None
     bench_name: str = ""
     findings: tuple[Finding, ...] = ()
+    reader_options: Mapping[str, object] = field(default_factory=dict[str, object])
 
     @cached_property
     def steps(self) -> tuple[Step, ...]:
@@ -187,12 +191,18 @@ def read(path: str | Path, method_keys: Mapping[str, object] | None = None) -> R
     if not isinstance(chosen, str) or chosen not in KINDS:
         raise InputError(f"{path}: {unknown_kind(chosen)}")
     model = schema_of(chosen)
+    options: dict[str, Any] = {}
     try:
+        if isinstance(content.get("data"), dict):
+            whole["data"], options = apart(content["data"])
         schema = model.model_validate(whole)
     except ValidationError as error:
         raise InputError(f"{path}: {worded(error, content, model)}") from None
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
     try:
-        return _build(path, sha256(raw).hexdigest(), schema)
+        run = _build(path, sha256(raw).hexdigest(), schema)
+        return replace(run, reader_options=options) if options else run
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 

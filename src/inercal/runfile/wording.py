@@ -14,6 +14,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
 from inercal.benches.kinds import KINDS
+from inercal.io.readers import known_options
 from inercal.runfile.schema import RunSchema
 
 _QUANTITY = re.compile(r"[-+]?[0-9.]+ \S.*")
@@ -94,9 +95,12 @@ def _unknown(
         )
     dotted = _dotted(names)
     line = f"unknown section [{dotted}]" if isinstance(value, dict) else f"unknown key {dotted}"
-    if near := get_close_matches(names[-1], tuple(model.model_fields), n=1):
+    possible = tuple(model.model_fields)
+    if place.names == ("data",):
+        possible += tuple(known_options())
+    if near := get_close_matches(names[-1], possible, n=1):
         line += f"; did you mean {near[0]}?"
-    line += f"; possible here: {', '.join(model.model_fields)}"
+    line += f"; possible here: {', '.join(possible)}"
     owners = [f'"{name}"' for name, kind in KINDS.items() if names[-1] in kind.section.model_fields]
     if place.names == ("bench",) and owners:
         if "kind" not in content["bench"]:

@@ -29,9 +29,16 @@ def propagate(
     covariance : (..., q, q) array
         To first order.
     """
+    value, j = linearised(function, x, covariance)
+    return value, j @ covariance @ np.swapaxes(j, -1, -2)
+
+
+def linearised(
+    function: Callable[[Array], Array], x: Array, covariance: Array
+) -> tuple[Array, Array]:
+    """Return y = f(x), (..., q), and ∂f/∂x over the range of x, (..., q, p); as of `propagate`."""
     sd = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
-    j = jacobian(function, x, 0.1 * sd)
-    return function(x), j @ covariance @ np.swapaxes(j, -1, -2)
+    return function(x), jacobian(function, x, 0.1 * sd)
 
 
 def jacobian(function: Callable[[Array], Array], x: Array, step: Array) -> Array:

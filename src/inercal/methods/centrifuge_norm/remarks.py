@@ -4,7 +4,7 @@ Rows are named with what would repair each. Nothing is changed: what was written
 who has the original.
 """
 
-from inercal.benches.centrifuge import Centrifuge
+from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.errors import InputError, NotObserved
 from inercal.methods._base import Fit, Remarks
 from inercal.methods.centrifuge_norm.left_out import left_out

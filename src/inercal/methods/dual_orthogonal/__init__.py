@@ -127,7 +127,8 @@ def dual(
     square.require_positions(sensor, steps)
     square.require_told(sensor, bench, steps, priors)
     steady = by_angle.drifting(observations, bench, steps)
-    estimate = least_squares(square.problem(steady, sensor, bench, steps, priors))
+    asked = square.problem(steady, sensor, bench, steps, priors)
+    estimate = square.with_gravity(asked, least_squares(asked))
     estimate = with_common_angle(estimate, observations, sensor, bench, steps)
     return replace(estimate, notes=(*notes(estimate, bench, priors), *estimate.notes))
 
@@ -161,6 +162,7 @@ def single(
     weighted = np.asarray(np.linalg.solve(asked.noise, rows), dtype=float)
     gain = found.covariance @ np.swapaxes(weighted, -1, -2)
     bench_alone = by_angle.by_bench(sensor, bench, steps)
+    columns = by_angle.readings_by_bench(sensor, bench, steps)
     estimate = replace(
         found,
         covariance=found.covariance + gain @ bench_alone @ np.swapaxes(gain, -1, -2),
@@ -168,6 +170,7 @@ def single(
         chi2=np.zeros(found.value.shape[:-1]),
         dof=0,
         scoring=UNSCORED,
+        sensitivities={name: -gain @ column for name, column in columns.items()},
     )
     return with_tests(estimate, by_angle.problem(observations, sensor, bench, steps, priors))
 

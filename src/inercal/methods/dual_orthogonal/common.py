@@ -60,4 +60,9 @@ def with_common_angle(
     value[..., both] += common[..., None]
     rows, columns = np.ix_(both, both)
     covariance[..., rows, columns] += np.asarray(variance)[..., None, None]
-    return replace(estimate, value=value, covariance=covariance)
+    moved = {name: by.copy() for name, by in estimate.sensitivities.items()}
+    for name, weight in stated.weights.items():
+        # The head is taken to stand further on by what is stated: less is left to the mounting.
+        by = moved.setdefault(name, np.zeros_like(value))
+        by[..., both] -= weight.mean()
+    return replace(estimate, value=value, covariance=covariance, sensitivities=moved)

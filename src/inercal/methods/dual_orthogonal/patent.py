@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from inercal.benches.dividing_head.bench import DividingHead, felt
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate, Gaussian, Problem, least_squares
-from inercal.methods.by_angle import by_bench
+from inercal.methods.by_angle import by_bench, readings_by_bench
 from inercal.methods.dual_orthogonal import square
 from inercal.methods.dual_orthogonal.four_points import four_points, rows
 from inercal.methods.vectors import ROUNDING
@@ -97,7 +97,7 @@ def estimate(
     )
     assert not callable(asked.noise)
     readings = observations.full_covariance + by_bench(sensor, bench, steps)
-    covariance = _of_both_stages(
+    covariance, gain = _of_both_stages(
         maps, seen, others, to_held, structure.covariance, asked.noise, readings, priors
     )
     value = fixed @ maps.held.T + found.value @ maps.free.T
@@ -118,6 +118,10 @@ def estimate(
         singular_values=structure.singular_values,
         null_directions=structure.null_directions,
         weakest=structure.weakest,
+        sensitivities={
+            name: np.broadcast_to(-gain @ column, value.shape)
+            for name, column in readings_by_bench(sensor, bench, steps).items()
+        },
     )
 
 
@@ -140,8 +144,10 @@ def _of_both_stages(
     noise: Array,
     readings: Array,
     priors: Sequence[Gaussian],
-) -> Array:
-    """Return the covariance of all coefficients, both stages being linear in the readings.
+) -> tuple[Array, Array]:
+    """Return the covariance of all coefficients, and how they move with the readings, (p, 2r).
+
+    Both stages are linear in the readings.
 
     The second one moves by dx = H⁻¹JᵀW dr where its residual does by dr = −∂‖f̂‖/∂y dy −
     ∂‖f̂‖/∂c (held) dy, H⁻¹ = `inside` and W⁻¹ = `noise`; priors err by their own covariance.
@@ -169,7 +175,7 @@ def _of_both_stages(
     size = len(maps.names)
     told = sum((_normal(prior, maps.names) for prior in priors), np.zeros((size, size)))
     own = stated @ told @ np.swapaxes(stated, -1, -2)
-    return gain @ readings @ np.swapaxes(gain, -1, -2) + own
+    return gain @ readings @ np.swapaxes(gain, -1, -2) + own, gain
 
 
 def _maps(sensor: Sensor, g: float) -> _Maps:

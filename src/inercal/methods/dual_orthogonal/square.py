@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from inercal.benches.dividing_head.bench import DividingHead, drift_names, felt
 from inercal.benches.dividing_head.passes import places, ramps
 from inercal.errors import InputError, NotObserved
-from inercal.estimate import Candidate, Gauge, Gaussian, Problem, least_squares
+from inercal.estimate import Candidate, Estimate, Gauge, Gaussian, Problem, least_squares
 from inercal.keys import CoefficientName
 from inercal.methods import candidates
 from inercal.methods.by_angle import larger_sensor
@@ -189,6 +189,18 @@ def problem(
         rounding=g / float(np.sqrt(np.diagonal(noise, axis1=-2, axis2=-1).min())) * ROUNDING,
         candidates=suspects,
     )
+
+
+def with_gravity(asked: Problem, estimate: Estimate) -> Estimate:
+    """Return an estimate of `problem` with how it moves with gravity as stated.
+
+    All residuals g − ‖f̂‖ rise by as much: dc = P Jᵀ W 1 dg.
+    """
+    _, jacobian = asked.linearise(estimate.value)
+    assert not callable(asked.noise)
+    one = np.ones((*estimate.value.shape[:-1], jacobian.shape[-2], 1))
+    pull = np.swapaxes(jacobian, -1, -2) @ np.linalg.solve(asked.noise, one)
+    return replace(estimate, sensitivities={"g": (estimate.covariance @ pull)[..., 0]})
 
 
 def along(up: Array, covariance: Array) -> Array:

@@ -15,7 +15,7 @@ from inercal.benches.rate_table.bench import RateTable, felt
 from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian, Problem, least_squares
 from inercal.methods.affine import IDEAL, NAMES, Affine
-from inercal.methods.ship_consistency import consistency, linearised, of_rows
+from inercal.methods.ship_consistency import by_stated, consistency, linearised, of_rows
 from inercal.methods.ship_multi_angle.states import columns, of_norms, tilted_rows
 from inercal.methods.ship_planar import estimate_of, require_excited
 from inercal.plan import Spin
@@ -78,6 +78,7 @@ def planar_norm(
             *(f"|f|[{steps[k].label}]" for k in groups),
         ),
         agreement,
+        by_stated(bench, steps, gain @ compared),
         notes=("no direction is null; the untilted mountings' nominal axes are the frame",),
         converged=converged,
     )

@@ -16,7 +16,7 @@ from inercal.benches.rate_table.bench import RateTable
 from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian, NullDirection
 from inercal.methods.affine import IDEAL, NAMES, Affine
-from inercal.methods.ship_consistency import consistency, of_rows
+from inercal.methods.ship_consistency import by_stated, consistency, of_rows
 from inercal.methods.ship_multi_angle import gauge, norms
 from inercal.methods.ship_multi_angle.evolution import Found, Generation, Options, search
 from inercal.methods.ship_multi_angle.freedom import Free, free, seen, turns_left
@@ -228,6 +228,7 @@ def _estimate(
         np.einsum("...ai,...aij,...aj->...a", along, blocks, along),
         tuple(f"|f|[{steps[k].label}]" for k in groups),
         agreement,
+        by_stated(bench, steps, gain),
         notes=_warned(left, turns, decided),
         rank=left.rank,
         null_directions=(*turns, *left.blind, *left.weak),

@@ -5,7 +5,7 @@ from math import degrees, radians, sqrt
 
 import numpy as np
 
-from inercal.benches.turntable import Turntable
+from inercal.benches.turntable.bench import Turntable
 from inercal.estimate import Estimate
 from inercal.methods._base import Fit, Remarks
 from inercal.parameters import Parameter

@@ -133,6 +133,7 @@ def followed(
     covariance = np.array([one[1] for one in made]).reshape(*lead, q, q)
     chi2 = np.array([one[2] for one in made]).reshape(lead)
     scaled = made[0][1][:p, :p]
+    moved = [_moved(names, trial, bench) for trial in trials]
     known = np.linalg.eigvalsh(scaled / np.outer(sensor.natural, sensor.natural))
     return Estimate(
         names=names,
@@ -157,7 +158,31 @@ def followed(
         scoring=Once(lambda: checks.scores(checked, names, own))
         if checked and not lead
         else UNSCORED,
+        sensitivities={
+            name: np.array([one[name] for one in moved]).reshape(*lead, q) for name in moved[0]
+        },
     )
+
+
+def _moved(names: tuple[str, ...], parts: Sequence[Filtered], bench: Turntable) -> dict[str, Array]:
+    """Return how coefficients move with what is stated of the table, (q,) by its parameters.
+
+    Each filter has its own estimate of the table, and so its own part of every column. Gravity is
+    no state: of accelerometers it is a factor on what they read.
+    """
+    declared, moved = bench.acting(), dict[str, Array]()
+    for one in parts:
+        own = one.part.sensor.coefficients
+        at, p = [names.index(name) for name in own], len(own)
+        columns = {
+            name: one.covariance[:p, one.names.index(name)] / declared[name].sd ** 2
+            for name in _table(one)
+        }
+        if np.any(one.shared):
+            columns["g"] = -model.of_gravity(one.part) / bench.gravity.value
+        for name, column in columns.items():
+            moved.setdefault(name, np.zeros(len(names)))[at] = column
+    return moved
 
 
 def apart(sensor: Sensor, priors: Sequence[Gaussian]) -> list[Gaussian]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from inercal.benches import Turntable
 from inercal.errors import InputError
 from inercal.io.read import Columns, read_readback
-from inercal.pipeline.inputs import HOLD, of_readback, readback_units
+from inercal.pipeline.inputs import HOLD, of_readback, options_of, readback_units
 from inercal.pipeline.turntable.clock import FURTHEST, Aligned, NotAlike, aligned
 from inercal.recording import Recording
 from inercal.runfile import Run
@@ -130,6 +130,7 @@ def _read(run: Run, origin: int | None) -> Recording:
         time_keys=("table_time_unit", None),
         origin=origin,
         nonfinite=data.nonfinite,
+        options=options_of(run, data.table_file),
     )
     try:
         return read_readback(run.file(data.table_file), columns)

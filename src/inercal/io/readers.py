@@ -1,0 +1,164 @@
+"""Readers of files by name, of this package and of others, and which file is whose.
+
+A reader says by data which files it takes: by bytes at a place near their begin, and by suffix. A
+file is the first reader's whose bytes it has, else the first one's whose suffix; text takes the
+rest. A reader also declares the keys of [data] that are its own, such as a topic::
+
+    [project.entry-points."inercal.readers"]
+    flight_log = "their_package.log:READER"
+
+It is called with the file, what is wanted of it, and each of its options by name.
+"""
+
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import UnionType
+from typing import get_args
+
+from inercal.errors import InputError
+from inercal.io.table import Table
+from inercal.registry import Registry
+
+HEAD = 128
+"""Bytes by which a file is told."""
+_WORDS = {str: "text", int: "a whole number", float: "a number", bool: "true or false"}
+
+
+@dataclass(frozen=True)
+class Option:
+    """A key of [data] that one reader knows.
+
+    Parameters
+    ----------
+    name : str
+        None that [data] has itself.
+    type : type or union of types
+        Of str, int, float, bool.
+    default : object
+        Taken where the key is not stated.
+    meaning : str
+        One line for people.
+    """
+
+    name: str
+    type: type | UnionType
+    default: object
+    meaning: str
+
+    def fits(self, value: object) -> bool:
+        """Return whether a value is of the type; a whole number is a number too."""
+        kinds = _kinds(self.type)
+        if isinstance(value, bool):
+            return bool in kinds
+        return isinstance(value, kinds) or (float in kinds and isinstance(value, int))
+
+    @property
+    def takes(self) -> str:
+        """What may be given, in words."""
+        return " or ".join(_WORDS[kind] for kind in _kinds(self.type))
+
+
+def _kinds(kind: type | UnionType) -> tuple[type, ...]:
+    return get_args(kind) if isinstance(kind, UnionType) else (kind,)
+
+
+@dataclass(frozen=True)
+class Reader:
+    """How files of one format are read.
+
+    Parameters
+    ----------
+    name : str
+    read : callable
+        (path, wanted, **options) to a `Table`. Libraries that it needs are imported within.
+    content : tuple of (int, bytes)
+        Places within the first 128 bytes, and what stands there: any of them will do.
+    suffixes : tuple of str
+        Such as ".npz", in lower case.
+    binary : bool
+        Whether a suffix only counts where a zero byte is among the first 128.
+    options : tuple of Option
+    """
+
+    name: str
+    read: Callable[..., Table]
+    content: tuple[tuple[int, bytes], ...] = ()
+    suffixes: tuple[str, ...] = ()
+    binary: bool = False
+    options: tuple[Option, ...] = ()
+
+    def has_content(self, head: bytes) -> bool:
+        """Return whether a file that begins so is of this format."""
+        return any(head[at:].startswith(start) for at, start in self.content)
+
+    def has_suffix(self, path: Path, head: bytes) -> bool:
+        """Return whether a file is of this format by its suffix."""
+        return path.suffix.lower() in self.suffixes and (b"\0" in head or not self.binary)
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Names of its options."""
+        return tuple(option.name for option in self.options)
+
+    def filled(self, given: Mapping[str, object]) -> dict[str, object]:
+        """Return its options with what is given of them.
+
+        Raises
+        ------
+        InputError
+            A value of another type.
+        """
+        for option in self.options:
+            if option.name in given and not option.fits(value := given[option.name]):
+                raise InputError(
+                    f"[data] {option.name}: {value!r}; reader {self.name} takes {option.takes}: "
+                    f"{option.meaning}"
+                )
+        return {option.name: given.get(option.name, option.default) for option in self.options}
+
+
+READERS: Registry[Reader] = Registry(
+    "inercal.readers",
+    "reader",
+    {name: f"inercal.io.{name}:READER" for name in ("hdf5", "mat", "npz", "parquet", "text")},
+)
+
+
+def reader_for(path: Path, head: bytes) -> Reader:
+    """Return the reader of a file that begins with `head`, at least 128 bytes where it has them."""
+    head = head[:HEAD]
+    for one in READERS.values():
+        if one.has_content(head):
+            return one
+    for one in READERS.values():
+        if one.has_suffix(path, head):
+            return one
+    return READERS["text"]
+
+
+def owners(key: str) -> list[str]:
+    """Return the names of the readers that know an option."""
+    return [one.name for one in READERS.values() if key in one.keys]
+
+
+def known_options() -> Iterator[str]:
+    """Yield the names of all readers' options."""
+    yield from dict.fromkeys(key for one in READERS.values() for key in one.keys)
+
+
+def refuse_others(options: Mapping[str, object], source: str, readers: Collection[Reader]) -> None:
+    """Refuse options that none of the readers knows.
+
+    Raises
+    ------
+    InputError
+        Naming the readers that know the first.
+    """
+    known = {key for one in readers for key in one.keys}
+    for key in options:
+        if key not in known:
+            here = " and ".join(dict.fromkeys(one.name for one in readers))
+            theirs = " and ".join(owners(key))
+            of = f"an option of reader {theirs}" if theirs else "an option of no reader"
+            raise InputError(f"[data] {key} is {of}; {source} is read by {here}: leave it out")

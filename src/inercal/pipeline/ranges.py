@@ -1,0 +1,65 @@
+"""Over which rates, forces and temperatures a calibration was made: the ranges of its data.
+
+Means count where means are used, and the samples where a method follows them: gyros on a turntable
+or on the way between rests, accelerometers where a turntable holds.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.calibration import Validity
+from inercal.calibration.validity import Range
+from inercal.pipeline.inputs import Gathered
+from inercal.sensors import Sensor
+
+Array = NDArray[np.float64]
+
+
+def validity(sensor: Sensor, gathered: Gathered) -> Validity:
+    """Return the ranges of the data that were used, None where nothing measured them."""
+    return Validity(
+        rate=_range(_readings(sensor, gathered, "w")),
+        force=_range(_readings(sensor, gathered, "f")),
+        temperature=_range(_temperatures(gathered)),
+    )
+
+
+def _range(parts: Iterator[Array]) -> Range | None:
+    finite = [values[np.isfinite(values)] for values in parts]
+    known = [values for values in finite if values.size]
+    if not known:
+        return None
+    return float(min(v.min() for v in known)), float(max(v.max() for v in known))
+
+
+def _readings(sensor: Sensor, gathered: Gathered, kind: str) -> Iterator[Array]:
+    """Yield the readings of the axes of a kind, SI."""
+    observations = gathered.observations
+    at = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind]
+    track, passages = observations.track, observations.passages
+    if track is not None:
+        samples = np.ones(track.time.size, dtype=bool) if kind == "w" else track.hold >= 0
+        yield track.reading[..., samples, :][..., at]
+        return
+    yield observations.mean[..., at]
+    if passages is not None and kind == "w":
+        for start, stop in zip(passages.start.tolist(), passages.stop.tolist(), strict=True):
+            yield sensor.to_si(passages.output[start : stop + 1])[:, at]
+
+
+def _temperatures(gathered: Gathered) -> Iterator[Array]:
+    """Yield the temperatures of the sections that were used, K; between them where they are."""
+    recording, marks = gathered.recording, gathered.marks
+    if recording is None or recording.temperature is None:
+        return
+    observations = gathered.observations
+    if observations.track is not None or not marks:
+        yield recording.temperature
+    elif observations.passages is not None:
+        first, last = min(mark.start for mark in marks), max(mark.stop for mark in marks)
+        yield recording.temperature[..., first:last]
+    else:
+        for mark in marks:
+            yield recording.temperature[..., mark.start : mark.stop]

@@ -1,0 +1,36 @@
+"""Keys of [data] that belong to the reader of a format, such as a topic.
+
+Which reader a file has is known when it is read: here only what no section has is set apart. What
+the reader does not know of it is refused there.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+from inercal.errors import InputError
+from inercal.io.readers import known_options, owners
+from inercal.runfile.schema import DataSection
+
+
+def apart(data: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return a section [data] without the options of readers, and these.
+
+    Raises
+    ------
+    InputError
+        A reader that takes a key for its own which [data] has.
+    """
+    own = DataSection.model_fields
+    if all(key in own for key in data):
+        return dict(data), {}  # without a look at the installed packages
+    known = tuple(known_options())
+    for key in known:
+        if key in own:
+            raise InputError(
+                f"reader {' and '.join(owners(key))} has an option {key!r}, which [data] has "
+                "itself: it must be renamed"
+            )
+    return (
+        {key: value for key, value in data.items() if key not in known},
+        {key: value for key, value in data.items() if key in known},
+    )
