@@ -29,6 +29,8 @@ DOCUMENTED = {
     "provenance",
     "notes",
     "verdict",
+    "shared",
+    "validity",
     "sha256",
 }
 
