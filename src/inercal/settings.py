@@ -62,7 +62,6 @@ class BenchSection(Section):
         examples=["table 2"],
         json_schema_extra=DESCRIPTION,
     )
-    kind: str = ""
 
     @model_validator(mode="after")
     def _gravity_is_known(self) -> "BenchSection":

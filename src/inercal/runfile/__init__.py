@@ -201,23 +201,21 @@ def read(path: str | Path, method_keys: Mapping[str, object] | None = None) -> R
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     try:
-        run = _build(path, sha256(raw).hexdigest(), schema)
+        run = _build(path, sha256(raw).hexdigest(), schema, KINDS[chosen])
         return replace(run, reader_options=options) if options else run
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 
 
-def _build(path: Path, digest: str, schema: RunSchema) -> Run:
+def _build(path: Path, digest: str, schema: RunSchema, kind: Kind[Any]) -> Run:
     chosen = method(schema.method.name)
-    kind = KINDS[schema.bench.kind]
     bench = kind.build(schema.bench, path.parent)
     axes = axes_of(schema.data.accelerometer, bench)
     whole = build_sensor(schema.sensor, axes)
     part = chosen.prepare(whole, schema.method.coefficients, schema.method.also)
     if not isinstance(bench, chosen.bench):
         raise InputError(
-            f"[bench] kind: method {chosen.name} takes {named(chosen.bench)!r}, not "
-            f"{schema.bench.kind!r}"
+            f"[bench] kind: method {chosen.name} takes {named(chosen.bench)!r}, not {kind.name!r}"
         )
     require_columns(schema, bench)
     plan = _plan(chosen, schema.method)

@@ -21,6 +21,7 @@ from inercal.settings import (
 class CentrifugeSection(BenchSection):
     """[bench]: a precision centrifuge."""
 
+    kind: Literal["centrifuge"]
     radius: str = Field(examples=["1 m ± 10 µm"])
     stretch: str = Field("0 ppm/g ± 0", examples=["0.2 ppm/g ± 0.05 ppm/g"])
     rate_error: str = "1 ppm"

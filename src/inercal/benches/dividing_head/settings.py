@@ -26,6 +26,7 @@ _FEWEST_FACES = 3  # of a polygon
 class DividingHeadSection(BenchSection):
     """[bench]: a dividing head with its spindle level."""
 
+    kind: Literal["dividing_head"]
     harmonics: tuple[str, ...] = ("1 ″", "1 ″")
     division: str = "1 ″"
     autocollimation: Literal["pairs", "every", "none"] = "none"

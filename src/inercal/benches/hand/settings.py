@@ -1,6 +1,7 @@
 """[bench] of bare hands: its keys, and the bench in SI."""
 
 from pathlib import Path
+from typing import Literal
 
 from inercal.benches.hand.bench import Hand
 from inercal.settings import (
@@ -15,6 +16,7 @@ from inercal.settings import (
 class HandSection(BenchSection):
     """[bench]: bare hands. Gravity is given, or computed from latitude and height."""
 
+    kind: Literal["hand"] = "hand"
     tilt: str = "0.5 °"
     turn_angle: str = "1 °"
     turn_tilt: str = "0.5 °"

@@ -1,6 +1,7 @@
 """[bench] of a plain rate table: its keys, and the bench in SI."""
 
 from pathlib import Path
+from typing import Literal
 
 from pydantic import Field
 
@@ -18,6 +19,7 @@ from inercal.settings import (
 class RateTableSection(BenchSection):
     """[bench]: a plain rate table with a fixture, as for sensors of ship models."""
 
+    kind: Literal["rate_table"]
     radius: str = Field(examples=["250 mm ± 0.3 mm"])
     seat: str = "0.5 mm"
     pose: str = "0.2 °"

@@ -1,6 +1,7 @@
 """[bench] of a turntable: its keys, and the bench in SI."""
 
 from pathlib import Path
+from typing import Literal
 
 from pydantic import Field
 
@@ -25,6 +26,7 @@ _LONGEST_LEVER = 1.0  # m
 class TurntableSection(BenchSection):
     """[bench]: a turntable of one to three axes."""
 
+    kind: Literal["turntable"]
     axes: str = Field("zxy", description="body axes that the axes turn about, outermost first")
     azimuth: str = "0 ° ± 0.1 °"
     lean: str = "5 ″"
