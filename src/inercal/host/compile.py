@@ -62,7 +62,8 @@ def compiled(run: Run, layout: Layout | None = None) -> None:
     InputError
         Packets that do not go with the run file.
     """
-    if run.method.sequential is not None:
+    # Packets hold no temperature of each sample: coefficients of it are found afterwards.
+    if run.method.sequential is not None and not run.sensor.uses("dT"):
         _sequential(run)
     tracks = [_rest(run.sensor, _table(run))] if layout is None else _assembled(run, layout)
     table = _table(run)
