@@ -46,7 +46,8 @@ def steps_of(method: str) -> list[Any]:
 
 
 def motion_of(method: str, steps: Sequence[Any]) -> Motion:
-    return bench_of(method).mean_motion(steps, {}).motion
+    bench: Any = bench_of(method)
+    return bench.mean_motion(steps, {}).motion
 
 
 def made(method: str, estimator: str) -> tuple[Sensor, Array, Observations, list[Any]]:
