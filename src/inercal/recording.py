@@ -4,7 +4,7 @@ A `Recording` keeps the sensor's output units; `Observations` are in SI. Both ma
 axes of trials, `(..., n, m)`; trials share times and labels.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Literal
@@ -20,6 +20,7 @@ Indices = NDArray[np.int64]
 Severity = Literal["note", "warning", "refused"]
 
 GAP = 1.5  # a step of time longer than this many median steps has lost samples
+VARIES = 0.5  # K; a temperature that varies by less is one temperature
 
 
 @dataclass(frozen=True)
@@ -202,6 +203,12 @@ class Recording:
         return replace(self.take(slice(start, stop)), findings=findings, first_row=first_row)
 
 
+def _warmed(temperature: Array | None) -> bool:
+    if temperature is None:
+        return False
+    return float(np.ptp(temperature, axis=-1).max(initial=0.0)) > VARIES
+
+
 @dataclass(frozen=True, eq=False)
 class Passages:
     """How the sensor was moved from one rest to the next: ranges of samples, which stay in place.
@@ -220,6 +227,8 @@ class Passages:
     start, left, reached, stop : (k,) arrays of int
         Samples; `left` is the last one of the rest before, `reached` the first one of the rest
         after, `stop` the last one of the passage.
+    temperature : (n,) array or None
+        K, of each sample.
     """
 
     time: Array
@@ -229,6 +238,7 @@ class Passages:
     left: Indices
     reached: Indices
     stop: Indices
+    temperature: Array | None = None
 
     @property
     def duration(self) -> Array:
@@ -254,12 +264,15 @@ class Halves:
     square : (r,) array
         Sum of the weights' squares times the step squared, s²: the variance of an integral over
         that of a sample.
+    warming : (r,) array or None
+        Mean temperature of the second half less that of the first, K.
     """
 
     change: Array
     integral: Array
     seconds: Array
     square: Array
+    warming: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,17 +289,20 @@ class Track:
         Readback of the table's axes, rad, the outermost first; turns are counted on.
     hold : (n,) array of int
         Number of the hold, from 0 on, that a sample belongs to; -1 while the table moves.
+    temperature : (..., n) array or None
+        K.
 
     Raises
     ------
     InputError
-        Lengths that disagree.
+        Lengths that disagree, or a temperature that is not finite.
     """
 
     time: Array
     reading: Array
     angles: Array
     hold: Indices
+    temperature: Array | None = None
 
     def __post_init__(self) -> None:
         n = self.time.size
@@ -295,17 +311,39 @@ class Track:
                 f"track: {n} times, readings {self.reading.shape}, angles {self.angles.shape} and "
                 f"holds {self.hold.shape} do not go together"
             )
+        if self.temperature is not None:
+            if self.temperature.shape[-1] != n:
+                raise InputError(f"track: {self.temperature.shape} temperatures for {n} times")
+            bad = np.flatnonzero(~np.isfinite(self.temperature).reshape(-1, n).all(axis=0))
+            if bad.size:
+                raise InputError(f"track: no temperature at {self.time[bad[0]]:.6g} s")
 
     def slice(self, start: int, stop: int) -> "Track":
         """Return samples start to stop (half open)."""
         at = slice(start, stop)
         return Track(
-            self.time[at], self.reading[..., at, :], self.angles[..., at, :], self.hold[at]
+            self.time[at],
+            self.reading[..., at, :],
+            self.angles[..., at, :],
+            self.hold[at],
+            None if self.temperature is None else self.temperature[..., at],
         )
 
     def trial(self, *index: int) -> "Track":
-        """Return one trial."""
-        return Track(self.time, self.reading[index], self.angles[index], self.hold)
+        """Return one trial; a temperature without axes of trials is that of all."""
+        t = self.temperature
+        if t is not None and t.ndim > 1:
+            t = t[index]
+        return Track(self.time, self.reading[index], self.angles[index], self.hold, t)
+
+    def temperature_offset(self, reference: float) -> Array | None:
+        """Return the temperature of each sample minus a reference, (..., n) K; None without one."""
+        return None if self.temperature is None else self.temperature - reference
+
+    @property
+    def warmed(self) -> bool:
+        """Whether temperatures were recorded that differ, as of `Observations`."""
+        return _warmed(self.temperature)
 
 
 @dataclass(frozen=True, eq=False)
@@ -344,12 +382,14 @@ class Observations:
         What the sections show of their noise, in words.
     timed : bool
         Whether `time` was measured; of a table of means it is the order of the rows.
+    temperature : (..., r) array or None
+        K, the mean over the samples of each row.
 
     Raises
     ------
     InputError
-        Shapes that disagree, a mean or covariance that is not finite, a covariance that is not
-        symmetric or has a negative variance, or a section without samples.
+        Shapes that disagree, a mean, covariance or temperature that is not finite, a covariance
+        that is not symmetric or has a negative variance, or a section without samples.
     """
 
     labels: tuple[str, ...]
@@ -368,6 +408,7 @@ class Observations:
     tests: tuple[Test, ...] = ()
     notes: tuple[str, ...] = ()
     timed: bool = True
+    temperature: Array | None = None
 
     def __post_init__(self) -> None:
         r, m = len(self.labels), len(self.channels)
@@ -378,6 +419,8 @@ class Observations:
             "samples": (self.samples.shape, (r,)),
             "time": (self.time.shape, (r,)),
         }
+        if self.temperature is not None:
+            shapes["temperature"] = (self.temperature.shape[-1:], (r,))
         for name, (shape, expected) in shapes.items():
             if shape != expected:
                 raise InputError(f"observations: {name} has shape {shape}, expected {expected}")
@@ -392,6 +435,8 @@ class Observations:
         skew = np.abs(self.covariance - np.swapaxes(self.covariance, -1, -2))
         self._refuse((skew > 1e-9 * scale).any((-2, -1)), "has a covariance that is not symmetric")
         self._refuse(self.samples < 1, "has no samples")
+        if self.temperature is not None:
+            self._refuse(~np.isfinite(self.temperature), "has a temperature that is not finite")
 
     def _refuse(self, bad: NDArray[np.bool_] | np.bool_, what: str) -> None:
         rows = np.flatnonzero(np.reshape(bad, (-1, len(self.labels))).any(0))
@@ -410,9 +455,40 @@ class Observations:
                 full[..., :, a, :, a] += self.drift[..., a]
         return full.reshape(*full.shape[:-4], r * m, r * m)
 
+    def temperature_offset(self, reference: float) -> Array:
+        """Return the temperature of each row minus a reference, (..., r) K; () of 0 without one."""
+        return np.zeros(()) if self.temperature is None else self.temperature - reference
+
+    @property
+    def warmed(self) -> bool:
+        """Whether temperatures were recorded that differ by more than a sensor of them errs by."""
+        return _warmed(self.temperature)
+
+    def rows(self, at: Sequence[int]) -> "Observations":
+        """Return some rows, without what lies between rows or within them."""
+        kept = list(at)
+        drift, t = self.drift, self.temperature
+        return replace(
+            self,
+            labels=tuple(self.labels[k] for k in kept),
+            mean=self.mean[..., kept, :],
+            covariance=self.covariance[..., kept, :, :],
+            duration=self.duration[kept],
+            samples=self.samples[kept],
+            time=self.time[kept],
+            drift=None if drift is None else drift[np.ix_(kept, kept)],
+            passages=None,
+            halves=None,
+            track=None,
+            temperature=None if t is None else t[..., kept],
+        )
+
 
 def joined(one: Observations, other: Observations) -> Observations:
-    """Return the rows of both, of the same channels; drift between them is taken as independent."""
+    """Return the rows of both, of the same channels; drift between them is taken as independent.
+
+    Without the temperature of either there is none.
+    """
     r, s, m = len(one.labels), len(other.labels), len(one.channels)
     drift = None
     if one.drift is not None or other.drift is not None:
@@ -433,4 +509,7 @@ def joined(one: Observations, other: Observations) -> Observations:
         tests=(*one.tests, *other.tests),
         notes=(*one.notes, *other.notes),
         timed=one.timed and other.timed,
+        temperature=None
+        if one.temperature is None or other.temperature is None
+        else np.concatenate([one.temperature, other.temperature], axis=-1),
     )

@@ -28,7 +28,7 @@ MOTION = Motion(
     rng.normal(size=(40, 3)) * 2 * G0,
     rng.normal(size=(40, 3)) * 10,
     rng.normal(size=(40, 3)) * 50,
-    rng.normal(size=40),
+    100 * rng.normal(size=40),
 )
 EVERYTHING = [f"{a}.{c.name}" for a in ("ax", "ay", "az") for c in ACCELEROMETER] + [
     f"{a}.{c.name}" for a in ("gx", "gy", "gz") for c in GYRO
@@ -53,10 +53,11 @@ def test_k2_of_ten_micro_g_adds_ten_micro_g_at_one_g():
 
 
 @pytest.mark.parametrize("name", [c.name for c in (*ACCELEROMETER, *GYRO)])
-def test_one_natural_unit_reads_its_unit_at_one_g_and_one_rad_per_s(name: str):
+def test_one_natural_unit_reads_its_unit_at_one_g_one_rad_per_s_and_100_k(name: str):
     table = ACCELEROMETER if name in {c.name for c in ACCELEROMETER} else GYRO
     c = next(c for c in table if c.name == name)
     one = {name: np.array(G0 if name.startswith("f") else 1.0) for name in COMPONENTS}
+    one["dT"] = np.array(100.0)
     unit = G0 if table is ACCELEROMETER else 1.0
     factor = sum(p.factor for p in c.basis.products)
     assert_allclose(c.natural * c.basis.value(one), unit * factor, rtol=1e-12, atol=1e-12)

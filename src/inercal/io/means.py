@@ -7,7 +7,7 @@ for all rows, or that of each in columns beside its means, `ax_sd` for `ax`.
 
 import csv
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,7 @@ from inercal.io.read import Columns, read_table
 from inercal.io.table import Table, shortened
 from inercal.recording import Observations
 from inercal.sensors import Axis, Sensor
+from inercal.units import to_si
 
 Array = NDArray[np.float64]
 _ROWS = 4  # fewer may well agree to the last digit
@@ -26,7 +27,12 @@ SD = "_sd"  # behind the name of a column: its standard deviation
 
 
 def read_means(
-    path: Path, columns: Columns, sensor: Sensor, sd: dict[str, float], seconds: str | None
+    path: Path,
+    columns: Columns,
+    sensor: Sensor,
+    sd: dict[str, float],
+    seconds: str | None,
+    named: Callable[[Sequence[str]], Sequence[str]] = tuple,
 ) -> Observations:
     """Read a table of means.
 
@@ -34,7 +40,7 @@ def read_means(
     ----------
     path : Path
     columns : Columns
-        `label` and `channels` are used.
+        `label`, `channels` and `temperature` are used.
     sensor : Sensor
         Axes in the order wanted, with readouts.
     sd : mapping
@@ -42,6 +48,8 @@ def read_means(
         missing, columns of the table hold it, in output units.
     seconds : str or None
         Column of durations in s; 1 s where there is none.
+    named : callable, optional
+        From the labels of the rows to names of their own.
 
     Raises
     ------
@@ -51,7 +59,7 @@ def read_means(
     if columns.label is None:
         raise InputError(f"{path}: [data] label is missing: name the column of position labels")
     table = read_columns(path, columns, [] if seconds is None else [seconds])
-    labels = tuple(str(label).strip() for label in table.columns[columns.label])
+    labels = tuple(named([str(label).strip() for label in table.columns[columns.label]]))
     durations = np.ones(len(labels)) if seconds is None else table.numbers(seconds)
     return means_of(path, table, labels, columns, sensor, sd, durations)
 
@@ -63,7 +71,7 @@ def read_columns(path: Path, columns: Columns, more: Sequence[str]) -> Table:
     ----------
     path : Path
     columns : Columns
-        `label`, if any, and `channels`.
+        `label` and `temperature`, if any, and `channels`.
     more : sequence of str
         Other columns that are wanted.
 
@@ -73,8 +81,8 @@ def read_columns(path: Path, columns: Columns, more: Sequence[str]) -> Table:
         A column is missing.
     """
     table = read_table(path)
-    label = () if columns.label is None else (columns.label,)
-    for name in (*label, *(name for _, name, _ in columns.channels), *more):
+    beside = [name for name in (columns.label, columns.temperature) if name is not None]
+    for name in (*beside, *(name for _, name, _ in columns.channels), *more):
         if name not in table.columns:
             raise InputError(f"{path}: no column {name!r}; it has {', '.join(table.columns)}")
     return table
@@ -121,6 +129,10 @@ def means_of(
     if not (np.isfinite(durations) & (durations > 0)).all():
         raise InputError(f"{path}: durations must be positive numbers of s")
     deviation = _deviations(path, table, by_axis, sensor, sd)
+    warmth = None
+    if columns.temperature is not None:
+        read = numbers_of(path, table, columns.temperature, "give the temperature")
+        warmth = to_si(read, columns.temperature_unit, like="K")
     return Observations(
         labels=labels,
         mean=sensor.to_si(output),
@@ -130,6 +142,7 @@ def means_of(
         time=np.arange(len(labels), dtype=float),
         channels=sensor.channels,
         timed=False,
+        temperature=warmth,
     )
 
 

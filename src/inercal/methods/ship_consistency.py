@@ -146,7 +146,7 @@ def consistency(
     """
     used = sorted((*level, *groups))
     here = [steps[k] for k in used]
-    some = _rows(observations, used)
+    some = observations.rows(used)
     at_level, at_groups = ([used.index(k) for k in rows] for rows in (level, groups))
     f = felt(bench, here, {}).f / G0
     a, square = some.mean / G0, (f[at_groups] ** 2).sum(-1)
@@ -254,21 +254,3 @@ def _turned(model: Affine, a: Array, f: Array) -> Affine:
     u, _, vt = np.linalg.svd(f.T @ model.correct(a))
     turn = np.asarray(u @ vt)
     return Affine(turn @ model.matrix, (turn @ model.offset[..., None])[..., 0])
-
-
-def _rows(observations: Observations, rows: Sequence[int]) -> Observations:
-    """Return some rows of observations."""
-    at = list(rows)
-    drift = observations.drift
-    return replace(
-        observations,
-        labels=tuple(observations.labels[k] for k in at),
-        mean=observations.mean[..., at, :],
-        covariance=observations.covariance[..., at, :, :],
-        duration=observations.duration[at],
-        samples=observations.samples[at],
-        time=observations.time[at],
-        drift=None if drift is None else drift[np.ix_(at, at)],
-        passages=None,
-        track=None,
-    )

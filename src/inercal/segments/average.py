@@ -7,7 +7,7 @@ or less than the others has a variance of its own (`inercal.segments.within`). B
 random walk, which show between sections, are not found but taken as the sensor's noise states them.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
@@ -20,6 +20,7 @@ from inercal.segments.attitudes import FLAWS
 from inercal.segments.drift import drift_covariance
 from inercal.segments.stillness import require_still
 from inercal.segments.tremor import without_tremor
+from inercal.segments.warming import Sections, steadied
 from inercal.segments.within import Within, drift_in_words, within
 from inercal.sensors import Sensor
 from inercal.uncertainty import BATCHES, pooled_mean_covariances
@@ -88,11 +89,22 @@ def observe(
     if not found:
         require_still(recording, sensor, [by_label[step.label] for step in holds])
     batches = max(4, min(BATCHES, -(-_FREEDOM // len(holds)) + 1))
-    of_holds, dof = pooled_mean_covariances(map(section, holds), batches)
+    warmth = recording.temperature
+
+    def resting(data: Array, kelvin: Array | None) -> Sections:
+        """Return the sections at rest, without what a changing temperature does within them."""
+        raw = partial(map, partial(section, data=data), holds)
+        if kelvin is None or not sensor.uses("dT"):
+            return raw
+        spans = [slice(by_label[s.label].start, by_label[s.label].stop) for s in holds]
+        return steadied(raw, [kelvin[..., span] for span in spans])
+
+    at_rest_all = resting(recording.data, warmth)
+    of_holds, dof = pooled_mean_covariances(at_rest_all(), batches)
     samples = np.array([by_label[step.label].stop - by_label[step.label].start for step in used])
     density = of_holds[0] * samples[used.index(holds[0])]
     if by_hand:
-        density = without_tremor(density, sensor, map(section, holds))
+        density = without_tremor(density, sensor, at_rest_all())
     coarse = coarse_steps(recording.data, columns, sensor, scatter)
     ranges = [(by_label[step.label].start, by_label[step.label].stop) for step in used]
     durations = np.array([recording.span(*limits) for limits in ranges])
@@ -101,11 +113,9 @@ def observe(
     at_rest = [used.index(step) for step in holds]
     names = [step.label for step in holds]
 
-    def judged(of: Callable[[Step], Array]) -> tuple[Array, Within]:
+    def judged(of: Sections) -> tuple[Array, Within]:
         """Return the factors on the deviations of all rows, (r, m), and what they come from."""
-        found = within(
-            sensor, lambda: map(of, holds), durations[at_rest], names, coarse, by_hand=by_hand
-        )
+        found = within(sensor, of, durations[at_rest], names, coarse, by_hand=by_hand)
         variance = found.factor(durations, durations[at_rest], batches)
         variance[at_rest] *= found.scale
         return np.sqrt(variance), found
@@ -118,7 +128,7 @@ def observe(
         recording.duration,
     )
     if recording.data.ndim == 2:
-        factor, found_within = judged(section)
+        factor, found_within = judged(at_rest_all)
         tests, notes = found_within.tests, found_within.notes
         if drifting and found_within.trend.any():
             since = middles - middles[at_rest].mean()
@@ -127,8 +137,11 @@ def observe(
             notes = (*notes, *drift_in_words(sensor, found_within.trend * recording.duration))
     else:
         trials: Array = np.reshape(recording.data, (-1, *recording.data.shape[-2:]))
-        parts = (trials[k] for k in range(len(trials)))
-        factor = np.stack([judged(partial(section, data=one))[0] for one in parts])
+        kelvins: list[Array | None] = [warmth] * len(trials)
+        if warmth is not None and warmth.ndim > 1:
+            kelvins = list(np.broadcast_to(warmth, trials.shape[:-1]).reshape(len(trials), -1))
+        each = zip(trials, kelvins, strict=True)
+        factor = np.stack([judged(resting(one, kelvin))[0] for one, kelvin in each])
         factor = factor.reshape(*recording.data.shape[:-2], *factor.shape[1:])
     covariance = covariance * factor[..., :, None] * factor[..., None, :]
     if found_within is not None:
@@ -146,6 +159,9 @@ def observe(
         rounding=coarse,
         tests=tests,
         notes=notes,
+        temperature=None
+        if warmth is None
+        else np.stack([warmth[..., start:stop].mean(axis=-1) for start, stop in ranges], axis=-1),
     )
 
 

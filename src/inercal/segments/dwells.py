@@ -225,6 +225,10 @@ def average_dwells(
         for d in dwells
         for j in range(k)
     )
+    warmth = recording.temperature
+    if warmth is not None:
+        spans = [slice(d.mark.start, d.mark.stop) for d in dwells]
+        warmth = np.repeat([float(warmth[span].mean()) for span in spans], k)
     seen = Observations(
         labels=tuple(step.label for step in steps),
         mean=np.concatenate(means),
@@ -236,6 +240,7 @@ def average_dwells(
         dof=dof,
         drift=drift,
         rounding=coarse,
+        temperature=warmth,
     )
     return seen, steps
 

@@ -66,7 +66,10 @@ def between(
         up, down = (np.arange(n) + 0.5 for n in (b - a, d - c))
         weight = np.concatenate([up / (b - a), np.ones(c - b), 1 - down / (d - c)]) * step
         integral[k], seconds[k], square[k] = weight @ y, weight.sum(), weight @ weight
-    return Halves(change, integral, seconds, square)
+    t, warming = recording.temperature, None
+    if t is not None:
+        warming = np.array([t[c:d].mean() - t[a:b].mean() for a, b, c, d in parts])
+    return Halves(change, integral, seconds, square, warming)
 
 
 def jumps(

@@ -9,8 +9,14 @@ from inercal.errors import InputError
 from inercal.recording import Mark, Recording
 
 
-def marks_from_labels(recording: Recording) -> tuple[Mark, ...]:
+def marks_from_labels(recording: Recording, *, again: bool = False) -> tuple[Mark, ...]:
     """Return one mark for each unbroken run of one label; empty labels mark nothing.
+
+    Parameters
+    ----------
+    recording : Recording
+    again : bool
+        Whether a label may come in several runs, all of that label.
 
     Raises
     ------
@@ -26,7 +32,7 @@ def marks_from_labels(recording: Recording) -> tuple[Mark, ...]:
     marks = [m for m in marks if m.label]
     seen: set[str] = set()
     for mark in marks:
-        if mark.label in seen:
+        if mark.label in seen and not again:
             raise InputError(
                 f"{recording.source}: label {mark.label!r} returns at "
                 f"{recording.where(mark.start)}; each label marks one unbroken section; "

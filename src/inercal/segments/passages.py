@@ -55,4 +55,5 @@ def between_rests(recording: Recording, sensor: Sensor, marks: Sequence[Mark]) -
         left=left[kept],
         reached=reached[kept],
         stop=stop[kept],
+        temperature=recording.temperature,
     )

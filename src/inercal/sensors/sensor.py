@@ -110,7 +110,10 @@ class Sensor:
 
     @cached_property
     def natural(self) -> Array:
-        """Natural size of each coefficient, SI, (p,): it reads 1 g or 1 rad/s at 1 g, 1 rad/s."""
+        """Natural size of each coefficient, SI, (p,): it reads 1 g or 1 rad/s at 1 g, 1 rad/s.
+
+        Of a coefficient of temperature, 100 K from the reference temperature.
+        """
         return np.array([self.coefficient(name).natural for name in self.coefficients])
 
     @cached_property

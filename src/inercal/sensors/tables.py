@@ -26,6 +26,7 @@ _UG, _PPM, _ARCSEC, _MM = 1e-6 * G0, 1e-6, pi / 648_000, 1e-3
 _DEG_PER_H = pi / 180 / 3600
 _FORCE = ("fi", "fp", "fo")
 LARGEST = 0.1  # of the natural size: a coefficient is hardly larger
+SPAN = 100.0  # K from the reference temperature, that natural sizes are counted with
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,8 @@ class Coefficient:
     basis: Basis
     meaning: str
     group: str  # what a run file may call it together with its kind
-    natural: float = field(default=1.0)  # SI size that reads 1 g (or 1 rad/s) at 1 g and 1 rad/s
+    # SI size that reads 1 g (or 1 rad/s) at 1 g, 1 rad/s and `SPAN` from the reference temperature
+    natural: float = field(default=1.0)
 
     @property
     def largest(self) -> float:
@@ -52,7 +54,7 @@ def _table(measures: float, *lines: tuple[str, str, str, float, str, str, str]):
     table: list[Coefficient] = []
     for name, symbol, unit, si, text, group, meaning in lines:
         basis = Basis(text)
-        natural = measures / G0 ** basis.degree(*_FORCE)
+        natural = measures / G0 ** basis.degree(*_FORCE) / SPAN ** basis.degree("dT")
         table.append(Coefficient(name, symbol, unit, si, basis, meaning, group, natural))
     return tuple(table)
 

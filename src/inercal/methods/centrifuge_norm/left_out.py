@@ -113,7 +113,7 @@ def _ranked(
     """Return the words that the sensor lacks, those first whose score test explains most."""
     size = np.abs(found.fit.whitened)
     keep: list[int] = np.flatnonzero(size <= _CLOSE * found.noise).tolist()
-    some = _rows(observations, keep)
+    some = observations.rows(keep)
     try:
         fit = least_squares(by_norm(some, sensor, bench, [steps[k] for k in keep], priors))
     except NotObserved:
@@ -130,18 +130,3 @@ def _with(sensor: Sensor, word: str) -> Sensor:
     chosen = sensor.with_coefficients(*sensor.coefficients, word)
     # The tilted form takes nonlinear terms and misalignments together.
     return replace(chosen, form="tilted") if word == "nonorthogonality" else chosen
-
-
-def _rows(observations: Observations, keep: list[int]) -> Observations:
-    """Return some rows of a table."""
-    drift = observations.drift
-    return replace(
-        observations,
-        labels=tuple(observations.labels[k] for k in keep),
-        mean=observations.mean[keep],
-        covariance=observations.covariance[keep],
-        duration=observations.duration[keep],
-        samples=observations.samples[keep],
-        time=observations.time[keep],
-        drift=None if drift is None else drift[keep][:, keep],
-    )

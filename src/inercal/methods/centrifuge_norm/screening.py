@@ -136,6 +136,8 @@ def screen(
             "nominal scale before single rows"
         )
 
+    warmth = observations.temperature
+
     def misses(rows: Array, k: int) -> Array:
         """Return how far variants of row k, (v, m) in SI, are off, (v,) in their deviations."""
         seen = replace(
@@ -147,6 +149,7 @@ def screen(
             samples=np.ones(len(rows), dtype=np.int64),
             time=np.zeros(len(rows)),
             drift=None,
+            temperature=None if warmth is None else np.full(len(rows), warmth[k]),
         )
         one = _row_by_row(by_norm(seen, sensor, bench, [steps[k]] * len(rows), priors))
         residual, jacobian = one.linearise(fit.value)

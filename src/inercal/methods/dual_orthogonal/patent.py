@@ -72,14 +72,14 @@ def estimate(
         return np.concatenate([points.k0, points.gain], axis=-1)
 
     nominal = felt(bench, steps, {}).f[..., :2]
-    at_nominal = _others(replace(observations, mean=nominal), others)
+    at_nominal = replace(observations, mean=nominal).rows(others)
     up = at_nominal.mean / np.linalg.norm(at_nominal.mean, axis=-1, keepdims=True)
     ideal = _problem(at_nominal, sensor, bench, maps, up, np.zeros(4), square.centred(priors))
     try:
         structure = least_squares(ideal)
     except NotObserved as error:
         raise NotObserved(f"{error}: {square.PRIORS_WANTED}", error.directions) from None
-    seen_there = _others(observations, others)
+    seen_there = observations.rows(others)
     fixed = held(observations.mean)
     asked = _problem(seen_there, sensor, bench, maps, up, fixed, tuple(priors))
     found = least_squares(asked)
@@ -218,22 +218,6 @@ def _problem(
         gauges=square.gauges(sensor),
         observations=others.labels,
         rounding=g / smallest * ROUNDING,
-    )
-
-
-def _others(observations: Observations, keep: list[int]) -> Observations:
-    """Return the rows that are not cardinal."""
-    drift = observations.drift
-    return replace(
-        observations,
-        labels=tuple(observations.labels[k] for k in keep),
-        mean=observations.mean[..., keep, :],
-        covariance=observations.covariance[..., keep, :, :],
-        duration=observations.duration[keep],
-        samples=observations.samples[keep],
-        time=observations.time[keep],
-        drift=None if drift is None else drift[keep][:, keep],
-        passages=None,
     )
 
 
