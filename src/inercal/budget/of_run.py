@@ -9,6 +9,7 @@ from inercal.benches import Centrifuge
 from inercal.budget.experiment import Experiment
 from inercal.budget.felt import require_possible
 from inercal.errors import InputError
+from inercal.methods.temperature import require_planless
 from inercal.pipeline.inputs import stated_sd
 from inercal.runfile import Run
 from inercal.sensors import Axis
@@ -39,6 +40,7 @@ def experiment_of(run: Run) -> Experiment:
             "or turns"
         )
     try:
+        require_planless(run.sensor)
         require_possible(run.bench, run.steps)
         believed = {
             name: float(value)

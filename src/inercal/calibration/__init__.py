@@ -117,7 +117,7 @@ class Calibration:
         Raises
         ------
         InputError
-            A channel is missing or in another unit, or readings are not finite.
+            A channel is missing or in another unit, or readings or temperatures are not finite.
         NotInvertible
             A reading beyond the fold of the nonlinear terms.
         """
@@ -132,6 +132,8 @@ class Calibration:
         if dT is None and self.sensor.uses("dT"):
             raise InputError("the model depends on temperature: give dT, or record temperature")
         dT = 0.0 if dT is None else dT
+        if not np.isfinite(dT).all():
+            raise InputError("temperatures are not finite; drop those samples first")
         turning = self.sensor.uses("ai", "ap", "ao") and dw is None
         if turning and not isinstance(recording, Recording):
             raise InputError("the model has lever arms: give dw, or a Recording, which has times")

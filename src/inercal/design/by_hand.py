@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from inercal.benches import Hand
 from inercal.benches.simulate import perform
 from inercal.errors import InputError
+from inercal.methods.temperature import require_planless
 from inercal.pipeline import read_out
 from inercal.pipeline.by_hand import nominal
 from inercal.plan import Hold, Step
@@ -66,6 +67,7 @@ def rehearse(run: Run, sessions: int = SESSIONS) -> Expected:
     """
     if not run.method.free or not isinstance(run.bench, Hand):
         raise InputError(f"plans of method {run.method.name} are fixed; multi_position's are made")
+    require_planless(run.sensor)
     if run.rate_hz is None:
         raise InputError(f"{run.path}: [data] rate is missing; a rehearsal needs it")
     for axis in run.sensor.axes:

@@ -15,6 +15,7 @@ from inercal.benches.turntable_attitude import motion
 from inercal.benches.turntable_run import Travel, travel
 from inercal.design.known import Known
 from inercal.errors import InputError, NotObserved
+from inercal.methods.temperature import require_planless
 from inercal.methods.turntable import model
 from inercal.methods.turntable_kalman import METHOD as KALMAN
 from inercal.methods.turntable_kalman import follow
@@ -89,6 +90,7 @@ def worksheet(run: Run) -> PathSheet:
         raise InputError(f"{run.path}: this plan is of a turntable")
     steps = run.table_steps
     try:
+        require_planless(run.sensor)
         way = travel(bench, steps)
         track = ideal(run, bench, way, steps)
         if run.method is KALMAN:

@@ -85,7 +85,7 @@ def problem(
             added=_drifts(sensor, steps),
         )
 
-    larger = larger_sensor(sensor)
+    larger = larger_sensor(sensor, warmed=observations.warmed)
     wider = replace(
         bench, harmonics=(*bench.harmonics, *[0.0] * (_HARMONICS - len(bench.harmonics)))
     )
@@ -109,9 +109,12 @@ def problem(
     )
 
 
-def larger_sensor(sensor: Sensor) -> Sensor:
-    """Return the sensor with all coefficients that readings in the plane of rotation can show."""
-    whole = candidates.extended(sensor)
+def larger_sensor(sensor: Sensor, *, warmed: bool = False) -> Sensor:
+    """Return the sensor with all coefficients that readings in the plane of rotation can show.
+
+    Those of temperature only where it is known and varies, `warmed`.
+    """
+    whole = candidates.extended(sensor, warmed=warmed)
     kept = (
         name
         for name in whole.coefficients

@@ -38,16 +38,16 @@ _SI = {"f": "m/s²", "w": "rad/s"}
 _BIAS = {"f": "k0", "w": "bias"}
 
 
-def extended(sensor: Sensor) -> Sensor:
+def extended(sensor: Sensor, *, warmed: bool = False) -> Sensor:
     """Return the sensor with all coefficients of its axes' tables, those chosen first.
 
-    Those of temperature are left out: a table of means has none.
+    Those of temperature only where it is known and varies, `warmed`.
     """
     whole = tuple(
         f"{axis.name}.{line.name}"
         for axis in sensor.axes
         for line in TABLES[axis.measures]
-        if not line.basis.uses("dT")
+        if warmed or not line.basis.uses("dT")
     )
     more = tuple(name for name in whole if name not in sensor.coefficients)
     return replace(sensor, coefficients=(*sensor.coefficients, *more))
@@ -67,14 +67,15 @@ def of_means(
     families: Mapping[str, Sequence[str]] | None = None,
     told: Sequence[str] = (),
     common: Sequence[str] = (),
+    level: NDArray[np.bool_] | None = None,
 ) -> Callable[[Array], Sequence[Candidate]]:
     """Return what `Problem.candidates` takes, for a problem of mean readings or of norms.
 
     Parameters
     ----------
     problem : callable
-        Returns the extended problem, of `extended(sensor)` and `freed(declared)`; observations are
-        labelled "ax[row]" by channel and row, or "row" alone.
+        Returns the extended problem, of `extended(sensor)`, warmed or not, and `freed(declared)`;
+        observations are labelled "ax[row]" by channel and row, or "row" alone.
     names : sequence of str
         The parameters of the problem that is solved.
     sensor : Sensor
@@ -90,6 +91,9 @@ def of_means(
         Coefficients that are estimated with a prior, which may be wrong.
     common : sequence of str, optional
         As of `of_common`.
+    level : (m,) array of bool, optional
+        Observations of axes that feel nothing nominally: terms with a sign are left out there. The
+        sign would be that of the tilt as it was estimated, which the tilts follow by themselves.
     """
 
     def candidates(x: Array) -> list[Candidate]:
@@ -99,6 +103,8 @@ def of_means(
         there = np.array([at.get(n, s) for n, s in zip(larger.names, start, strict=True)])
         _, jacobian = larger.linearise(there)
         column = dict(zip(larger.names, jacobian.reshape(-1, len(larger.names)).T, strict=True))
+        if level is not None:
+            column |= {n: np.where(level, 0.0, column[n]) for n in _signed(sensor) if n in column}
         return [
             *of_columns(larger.observations, sensor, names, declared, column, families),
             *of_priors(sensor, told, column),
@@ -107,6 +113,12 @@ def of_means(
         ]
 
     return candidates
+
+
+def _signed(sensor: Sensor) -> list[str]:
+    """Return the coefficients of a sensor's axes, chosen or not, that have a sign in them."""
+    whole = extended(sensor, warmed=True)
+    return [n for n in whole.coefficients if whole.coefficient(n).basis.uses("si", "swi")]
 
 
 def of_columns(
@@ -133,7 +145,7 @@ def _of_sensor(
     families: Mapping[str, Sequence[str]],
 ) -> list[Candidate]:
     """Return the coefficients that are not estimated: those of a kind together, and each alone."""
-    larger = extended(sensor)
+    larger = extended(sensor, warmed=True)
     kinds: dict[tuple[str, str], list[str]] = {}
     for full in larger.coefficients:
         axis = CoefficientName(full).axis

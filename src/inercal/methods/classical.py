@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from inercal.benches import Hand
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate, Gaussian, Test
+from inercal.methods import temperature
 from inercal.methods.likelihood_tests import READINGS
 from inercal.methods.means import ml
 from inercal.methods.observed import NOISE_ALONE
@@ -53,11 +54,18 @@ def classical(
     """
     if priors:
         raise InputError("estimator classical takes no priors; use ml")
+    temperature.refuse(sensor, "classical", "ml")
     missing = [step.label for step in steps if step.label not in observations.labels]
     if missing:
         raise NotObserved(
             f"estimator classical needs every position and turn; missing from the recording: "
             f"{', '.join(missing)}"
+        )
+    formulas_of = {f"{a}_{what}" for a in "xyz" for what in ("p", "a", "rot")}
+    if again := [label for label in observations.labels if label not in formulas_of]:
+        raise InputError(
+            f"estimator classical takes each position and turn once, and there is {again[0]}; use "
+            "ml"
         )
     if sensor.form != "reference":
         raise InputError("estimator classical finds the reference form; form tilted takes ml")

@@ -16,6 +16,7 @@ METHOD = Method(
         "f": ("bias", "scale", "misalignment"),
         "w": ("bias", "scale", "misalignment", "g"),
     },
+    also={"f": ("temperature",), "w": ("temperature",)},
     needs=("f", "w"),
     plan=ferraris,
     estimators={"ml": ml, "classical": classical},

@@ -16,17 +16,18 @@ from inercal.benches import Hand
 from inercal.benches.hand import felt
 from inercal.errors import NotObserved
 from inercal.estimate import Estimate, Gaussian, Problem, least_squares
-from inercal.methods import candidates
+from inercal.methods import candidates, temperature
 from inercal.methods.curvature import Curvature, of_tilts
 from inercal.methods.observed import not_observed, require_observed, require_separated
 from inercal.motion import Motion
 from inercal.observe import vector
-from inercal.plan import HandStep, Turn
+from inercal.plan import HandStep, Hold, Turn
 from inercal.recording import Observations
 from inercal.sensors import G0, Sensor, inverse
 
 Array = NDArray[np.float64]
 _EXACT = 1e-15  # SI; what is known better is exact, such as the level earth rate at a pole
+_ACROSS = 1e-6  # of g, or of a turn's rate
 _NATURAL = {"m/s²": G0, "rad": 1.0, "rad/s": 1.0, "1": 1.0}  # sizes that make columns comparable
 
 
@@ -101,6 +102,7 @@ def problem(
     names = (*sensor.coefficients, *loose, *forces)
     p = len(sensor.coefficients)
     turns = [k for k, step in enumerate(done) if isinstance(step, Turn)]
+    warmth = temperature.offset(observations, sensor)
     # Without turns all trials start from one point, which is then worked out once.
     trials = observations.mean.shape[:-2] if turns else ()
     start = np.zeros((*trials, len(names)))
@@ -124,13 +126,12 @@ def problem(
                 for name, value in derivatives.items():
                     if name in position:
                         target[..., k, :, position[name]] = value
-        motion = Motion(f, w) if rates else Motion(f)
+        motion = Motion(f, w, dT=warmth) if rates else Motion(f, dT=warmth)
         return vector(sensor, mean, x[..., :p], motion, df, dw if rates else None)
 
     def larger() -> Problem:
-        return problem(
-            observations, candidates.extended(sensor), bench, done, curvature=curvature, freed=True
-        )
+        whole = candidates.extended(sensor, warmed=observations.warmed)
+        return problem(observations, whole, bench, done, curvature=curvature, freed=True)
 
     position = {name: k for k, name in enumerate(names[p:])}
     sizes = [_NATURAL[parameter.unit] for parameter in loose.values()]
@@ -148,8 +149,24 @@ def problem(
         priors=(bench_prior, *priors) if loose else tuple(priors),
         wanted=sensor.coefficients,
         observations=tuple(f"{a}[{row}]" for row in observations.labels for a in sensor.channels),
-        candidates=candidates.of_means(larger, names, sensor, stated, observations.time),
+        candidates=candidates.of_means(
+            larger, names, sensor, stated, observations.time, level=_level(sensor, done)
+        ),
     )
+
+
+def _level(sensor: Sensor, done: Sequence[HandStep]) -> NDArray[np.bool_] | None:
+    """Return which readings are of axes that feel nothing nominally, (r·m,), row after row.
+
+    None where each position was taken once: two or four such readings of an axis tell no sign.
+    """
+    at = [step.up if isinstance(step, Hold) else step.axis for step in done]
+    if len(set(zip(map(type, done), at, strict=True))) == len(at):
+        return None
+    across = np.abs(np.array(at) @ np.array([axis.i for axis in sensor.axes]).T) < _ACROSS
+    still = np.array([isinstance(step, Hold) for step in done])
+    rates = np.array([axis.measures == "w" for axis in sensor.axes])
+    return (across | (still[:, None] & rates)).ravel()
 
 
 def _noise(observations: Observations) -> Array:

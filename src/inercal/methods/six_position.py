@@ -14,6 +14,7 @@ METHOD = Method(
     name="six_position",
     bench=Hand,
     finds={"f": ("bias", "scale", "misalignment")},
+    also={"f": ("temperature",)},
     needs=("f",),
     plan=six_positions,
     estimators={"ml": ml, "classical": classical},

@@ -246,6 +246,7 @@ METHOD = Method(
     name="tumble",
     bench=DividingHead,
     finds={"f": harmonics.TERMS},
+    also={"f": ("temperature",)},
     needs=("f",),
     plan=by_angle.plan,
     estimators={"least_squares": least_squares, "fourier": fourier},

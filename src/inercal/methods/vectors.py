@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from inercal.errors import InputError
 from inercal.estimate import Candidate, Gauge, Gaussian, Problem
-from inercal.methods import candidates
+from inercal.methods import candidates, temperature
 from inercal.motion import Motion
 from inercal.observe import vector
 from inercal.parameters import Parameter
@@ -124,10 +124,12 @@ def problem(
     loose, known = split(declared)
     beside = {name: column for name, column in (added or {}).items() if name in loose}
     at = [p + list(loose).index(name) for name in beside]
+    warmth = temperature.offset(observations, sensor)
     columns = np.array(list(beside.values())).T
 
     def felt(x: Array) -> Felt:
-        return feel(known | {name: x[..., p + k] for k, name in enumerate(loose)})
+        made = feel(known | {name: x[..., p + k] for k, name in enumerate(loose)})
+        return replace(made, motion=replace(made.motion, dT=warmth)) if warmth.ndim else made
 
     def linearise(x: Array) -> tuple[Array, Array]:
         here = felt(x)
@@ -147,9 +149,8 @@ def problem(
         return full if dwells is None else full + dwells(x[..., :p], felt(x))
 
     def larger() -> Problem:
-        return problem(
-            observations, candidates.extended(sensor), candidates.freed(declared), feel, added=added
-        )
+        whole = candidates.extended(sensor, warmed=observations.warmed)
+        return problem(observations, whole, candidates.freed(declared), feel, added=added)
 
     first = start(p, loose)
     names = (*sensor.coefficients, *loose)

@@ -66,7 +66,14 @@ class Norm(NamedTuple):
     by_rate: Array  # (..., r, 3), ∂‖f̂‖/∂ω; zero where no ω was given
 
 
-def norm(sensor: Sensor, y: Array, c: Array, g: Array, w: Array | None = None) -> Norm:
+def norm(
+    sensor: Sensor,
+    y: Array,
+    c: Array,
+    g: Array,
+    w: Array | None = None,
+    dT: Array | float = 0.0,
+) -> Norm:
     """Return the residuals 0 − (‖f̂‖ − g) of readings in unknown attitudes, with f̂ = h⁻¹(y; c).
 
     By h(f̂; c) = y the derivative of f̂ is −S⁻¹ ∂h/∂c to the coefficients and S⁻¹ to the reading,
@@ -85,12 +92,14 @@ def norm(sensor: Sensor, y: Array, c: Array, g: Array, w: Array | None = None) -
         Norm of specific force in each row, or in all of them, m/s².
     w : (..., r, 3) array, optional
         Angular rate, rad/s, where lever arms are modelled.
+    dT : (..., r) array or float
+        Temperature minus the sensor's reference temperature, K.
     """
-    felt = inverse(sensor, y, c, w=w, refuse=False).f
+    felt = inverse(sensor, y, c, w=w, dT=dT, refuse=False).f
     seen = np.asarray(np.isfinite(felt).all(axis=-1))
     if not seen.all():
         felt = np.where(seen[..., None], felt, 1.0)
-    motion = Motion(felt) if w is None else Motion(felt, w)
+    motion = Motion(felt, dT=dT) if w is None else Motion(felt, w, dT=dT)
     _, design, slope = sensor.linearise(motion, c)
     back = np.asarray(np.linalg.pinv(slope[..., :3]), dtype=np.float64)
     by_coefficient = -back @ design
@@ -122,6 +131,7 @@ def noisy_norm(
     c: Array,
     made: Array,
     w: Array | None = None,
+    dT: Array | float = 0.0,
 ) -> NoisyNorm:
     """Return the residuals of `norm` and their variance by the readings' noise seen along f̂.
 
@@ -134,6 +144,7 @@ def noisy_norm(
     made : (..., r) array
         Norm of specific force in each row, m/s².
     w : (..., r, 3) array, optional
+    dT : (..., r) array or float
         As of `norm`.
     """
     r, p = y.shape[-2], c.shape[-1]
@@ -154,7 +165,7 @@ def noisy_norm(
             jacobian,
         )
         return NoisyNorm(residual, jacobian, variance, np.broadcast_to(0.0, (*lead, r, 3)))
-    seen = norm(sensor, y, c, made, w)
+    seen = norm(sensor, y, c, made, w, dT)
     to_reading = (seen.up[..., None, :] @ seen.by_reading)[..., 0, :]
     variance = np.einsum("...i,...ij,...j->...", to_reading, covariance, to_reading)
     return NoisyNorm(seen.residual, seen.jacobian[..., :-1], variance, seen.by_rate)

@@ -12,6 +12,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from inercal.benches import Bench, Centrifuge, DividingHead, Hand, RateTable, Turntable
 from inercal.calibration import Calibration, Frame
@@ -22,6 +23,8 @@ from inercal.estimate import Estimate
 from inercal.io.table import sha256_of
 from inercal.methods.multi_position.timing import delay
 from inercal.methods.ship_multi_angle.evolution import Generation, History
+from inercal.methods.temperature import coefficients
+from inercal.motion import Motion
 from inercal.parameters import Parameter
 from inercal.pipeline import assumed, by_hand, on_arm, on_head, on_table, turntable
 from inercal.pipeline.bench_errors import stated
@@ -41,6 +44,7 @@ from inercal.segments import FoundRests
 from inercal.sensors import Sensor
 from inercal.units import ZERO_CELSIUS
 
+Array = NDArray[np.float64]
 _ALL = 3  # axes of a kind that see every component
 
 
@@ -87,6 +91,19 @@ class Outcome:
         """The bench's parameters that act on these steps, by full name, as they were stated."""
         return stated(self.bench, self.steps, self.calibration.sensor)
 
+    def felt(self, w: Array | None = None) -> Motion:
+        """Return what the means say was felt, by the calibration and at their temperatures.
+
+        Parameters
+        ----------
+        w : (r, 3) array, optional
+            Angular rate where the sensor has no gyros, rad/s.
+        """
+        sensor, seen = self.calibration.sensor, self.observations
+        dT = seen.temperature_offset(sensor.reference_temperature)
+        output = sensor.to_output(seen.mean)
+        return self.calibration.correct(output, w=w, dw=np.zeros((1, 3)), dT=dT)
+
 
 def calibrate(
     run: Run | str | Path, progress: Callable[[Generation], None] | None = None
@@ -122,7 +139,8 @@ def calibrate(
     try:
         estimate = run.solver(after)(observations, sampled, bench, gathered.plan, run.priors)
     except NotObserved as error:
-        raise NotObserved(f"{run.path}: {error}{_found(gathered)}", error.directions) from None
+        told = f"{_at_one_temperature(gathered, sensor, error)}{_found(gathered)}"
+        raise NotObserved(f"{run.path}: {error}{told}", error.directions) from None
     except InputError as error:
         raise InputError(f"{run.path}: {error}{_found(gathered)}") from None
     if isinstance(bench, Centrifuge) and not (estimate.dof and estimate.consistent):
@@ -149,7 +167,7 @@ def calibrate(
         assumed.require_stated(constants, estimate, p, bench, on)
     except InputError as error:
         raise InputError(f"{run.path}: {error}") from None
-    conditions = gathered.conditions | _temperature(gathered.recording) | _search(run)
+    conditions = gathered.conditions | _temperature(gathered) | _search(run)
     if run.bench_name:
         conditions["bench"] = run.bench_name
     if run.time_offset:
@@ -309,10 +327,23 @@ def apply(calibration: Calibration, run: Run | str | Path) -> Recording:
     )
 
 
-def _temperature(recording: Recording | None) -> dict[str, str]:
-    if recording is None or recording.temperature is None:
+def _at_one_temperature(gathered: Gathered, sensor: Sensor, error: NotObserved) -> str:
+    """Return what coefficients of temperature lack, where a refusal names one."""
+    t = gathered.observations.temperature
+    if t is None or not set(coefficients(sensor)) & set(" ".join(error.directions).split()):
+        return ""
+    low, high = float(t.min()) - ZERO_CELSIUS, float(t.max()) - ZERO_CELSIUS
+    return (
+        f"; the rows are at {low:.2f} to {high:.2f} °C: coefficients of temperature need rows at "
+        "temperatures that differ by more"
+    )
+
+
+def _temperature(gathered: Gathered) -> dict[str, str]:
+    recording = gathered.recording
+    t = gathered.observations.temperature if recording is None else recording.temperature
+    if t is None:
         return {}
-    t = recording.temperature
     return {"temperature": f"{t.mean() - ZERO_CELSIUS:.2f} °C ({np.ptp(t):.2f} K range)"}
 
 

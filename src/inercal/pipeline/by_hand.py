@@ -1,5 +1,6 @@
 """From a run by hand to observations: sections of a plan, or rests in any attitude."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from inercal.benches import Hand
@@ -67,7 +68,8 @@ def gather(run: Run, bench: Hand) -> Gathered:
     if run.method.free:
         plan = steps = held(observations, sensor)
     else:
-        plan, steps = nominal(run), _planned(run, observations)
+        steps = _planned(run, observations)
+        plan = _with_visits(run, steps)
     if recording is None:
         at_rest = [isinstance(step, Hold) for step in steps]
         odd = means_at_rest(observations.mean[at_rest], sensor, bench.gravity.value)
@@ -81,6 +83,34 @@ def gather(run: Run, bench: Hand) -> Gathered:
 def nominal(run: Run) -> tuple[HandStep, ...]:
     """Return the run's plan."""
     return tuple(step for step in run.steps if isinstance(step, Hold | Turn))
+
+
+def _visits(labels: Sequence[str]) -> list[str]:
+    """Return a name for each row of labels that may return, such as "x_p (2)"."""
+    return [
+        label if k == 0 else f"{label} ({k + 1})"
+        for k, label in ((labels[:row].count(label), label) for row, label in enumerate(labels))
+    ]
+
+
+def _returning(run: Run) -> bool:
+    """Return whether positions may be visited again: at another temperature."""
+    return run.data.temperature is not None and not run.method.free
+
+
+def _by_visit(run: Run, count: int) -> dict[str, HandStep]:
+    """Return the plan's steps by the names of up to `count` visits of each."""
+    found: dict[str, HandStep] = {}
+    for step in nominal(run):
+        names = _visits([step.label] * (count if _returning(run) else 1))
+        found |= {name: replace(step, label=name) for name in names}
+    return found
+
+
+def _with_visits(run: Run, done: Sequence[HandStep]) -> tuple[HandStep, ...]:
+    """Return the plan, and after each step the further visits of it that were made."""
+    wanted = {step.label for step in (*nominal(run), *done)}
+    return tuple(s for name, s in _by_visit(run, len(done)).items() if name in wanted)
 
 
 def _means(run: Run) -> Observations:
@@ -98,6 +128,7 @@ def _means(run: Run) -> Observations:
         run.sensor,
         stated_sd(run),
         None if seconds is None else str(seconds),
+        _visits if _returning(run) else tuple,
     )
 
 
@@ -117,6 +148,11 @@ def _planned_sections(
             )
     else:
         marks = _stated_marks(run, recording)
+        if _returning(run):
+            names = _visits([mark.label for mark in marks])
+            marks = tuple(replace(m, label=name) for m, name in zip(marks, names, strict=True))
+            steps = tuple(_by_visit(run, len(marks)).values())
+            labels = [step.label for step in steps]
     check_marks(marks, recording, labels)
     holds = {step.label for step in steps if isinstance(step, Hold)}
     moving = still_but_accepted(run, recording, [mark for mark in marks if mark.label in holds])
@@ -131,12 +167,11 @@ def _planned_sections(
 
 
 def _planned(run: Run, observations: Observations) -> tuple[HandStep, ...]:
-    by_label = {step.label: step for step in nominal(run)}
+    by_label = _by_visit(run, len(observations.labels))
     unknown = [label for label in observations.labels if label not in by_label]
     if unknown:
-        raise InputError(
-            f"{run.data.file}: no step {unknown[0]!r} in the plan; it has {', '.join(by_label)}"
-        )
+        planned = ", ".join(step.label for step in nominal(run))
+        raise InputError(f"{run.data.file}: no step {unknown[0]!r} in the plan; it has {planned}")
     return tuple(by_label[label] for label in observations.labels)
 
 
@@ -172,7 +207,7 @@ def _free_rests(
 
 def _stated_marks(run: Run, recording: Recording) -> tuple[Mark, ...]:
     if run.data.marks == "labels":
-        return marks_from_labels(recording)
+        return marks_from_labels(recording, again=_returning(run))
     return as_read(marks_from_file(run.file(run.data.marks)), recording)
 
 

@@ -27,8 +27,7 @@ def deviations(outcome: Outcome, bench: RateTable) -> tuple[Array, Array, Array]
     """
     spins = [step for step in outcome.steps if isinstance(step, Spin)]
     made = felt(bench, spins, {}).f
-    calibration, mean = outcome.calibration, outcome.observations.mean
-    corrected = calibration.correct(calibration.sensor.to_output(mean)).f
+    mean, corrected = outcome.observations.mean, outcome.felt().f
     rates = np.array([abs(step.rate) for step in spins]) * 30 / pi
     return rates, mean - made, corrected - made
 

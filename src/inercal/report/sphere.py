@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from inercal.benches import Centrifuge, RateTable, Turntable, rate_table
 from inercal.benches.arm import felt_vector
 from inercal.benches.turntable_attitude import reference
-from inercal.motion import Motion
 from inercal.pipeline import Outcome
 from inercal.plan import Hold, Position, Rotation, Spin, Step, Turn, direction
 from inercal.report import drawing
@@ -60,8 +59,7 @@ def attitudes(outcome: Outcome) -> list[Attitude]:
         return _on_table(outcome, outcome.bench)
     if isinstance(outcome.bench, Turntable):
         return _on_axes(outcome, outcome.bench)
-    calibration = outcome.calibration
-    felt: Motion = calibration.correct(calibration.sensor.to_output(outcome.observations.mean))
+    felt = outcome.felt()
     found: list[Attitude] = []
     for k, step in enumerate(outcome.steps):
         if isinstance(step, Hold):
@@ -74,14 +72,11 @@ def attitudes(outcome: Outcome) -> list[Attitude]:
 
 
 def _dwells(outcome: Outcome, bench: Centrifuge) -> list[Attitude]:
-    calibration = outcome.calibration
     spins = [step for step in outcome.steps if isinstance(step, Spin)]
     known = all(step.attitude is not None for step in spins)
     stated = {name: np.array(q.value) for name, q in outcome.expected.items()}
     made = felt_vector(bench, spins, stated) if known else None
-    output = calibration.sensor.to_output(outcome.observations.mean)
-    w = None if made is None else made.w
-    felt = calibration.correct(output, w=w, dw=np.zeros((1, 3)))
+    felt = outcome.felt(None if made is None else made.w)
     return [
         _measured(step, felt.f[k], None if made is None else made.f[k])
         for k, step in enumerate(spins)
@@ -89,16 +84,14 @@ def _dwells(outcome: Outcome, bench: Centrifuge) -> list[Attitude]:
 
 
 def _on_table(outcome: Outcome, bench: RateTable) -> list[Attitude]:
-    calibration = outcome.calibration
     spins = [step for step in outcome.steps if isinstance(step, Spin)]
     made = rate_table.felt(bench, spins, {})
-    felt = calibration.correct(calibration.sensor.to_output(outcome.observations.mean))
+    felt = outcome.felt()
     return [_measured(step, felt.f[k], made.f[k]) for k, step in enumerate(spins)]
 
 
 def _on_axes(outcome: Outcome, bench: Turntable) -> list[Attitude]:
-    calibration = outcome.calibration
-    felt = calibration.correct(calibration.sensor.to_output(outcome.observations.mean))
+    felt = outcome.felt()
     found: list[Attitude] = []
     for k, step in enumerate(outcome.steps):
         if isinstance(step, Position):

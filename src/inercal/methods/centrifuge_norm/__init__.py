@@ -26,6 +26,7 @@ from inercal.benches.centrifuge import Centrifuge
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate, Gaussian, least_squares
 from inercal.keys import CoefficientName
+from inercal.methods import temperature
 from inercal.methods._base import Method
 from inercal.methods.centrifuge_norm import closed
 from inercal.methods.centrifuge_norm.plans import plan
@@ -196,6 +197,7 @@ def _closed(
 ) -> Estimate:
     if priors:
         raise InputError(f"estimator {name} takes no priors; use ml")
+    temperature.refuse(sensor, name, "ml")
     mean = observations.mean
     if mean.ndim != 2:
         raise InputError(f"estimator {name} works on one table at a time")
@@ -231,7 +233,7 @@ METHOD = Method(
     name="centrifuge_norm",
     bench=Centrifuge,
     finds={"f": ("k0", "k1", "k2")},
-    also={"f": ("k3", "koq", "nonorthogonality", "misalignment", "arm")},
+    also={"f": ("k3", "koq", "nonorthogonality", "misalignment", "arm", "temperature")},
     needs=("f",),
     plan=plan,
     estimators={"ml": ml, "series": series, "series_weighted": series_weighted, "paper": paper},

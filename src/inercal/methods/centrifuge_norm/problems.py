@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from inercal.benches.arm import FeltNorm, FeltVector, felt_norm, felt_vector
 from inercal.benches.centrifuge import Centrifuge
 from inercal.estimate import Candidate, Gaussian, Problem
-from inercal.methods import candidates, vectors
+from inercal.methods import candidates, temperature, vectors
 from inercal.methods.centrifuge_norm.gauge import gauges, known_nulls, require_gauge
 from inercal.motion import Motion
 from inercal.observe import NoisyNorm, noisy_norm, norm
@@ -68,7 +68,7 @@ def by_norm(
     turning = sensor.uses("wi", "wp", "wo") and bench.platform == "locked"
     declared = bench.nuisances(steps, vectors=turning)
     built = _of_norms(observations, sensor, bench, steps, declared, priors)
-    larger = _larger(sensor, bench, steps)
+    larger = _larger(sensor, bench, steps, warmed=observations.warmed)
 
     def extended() -> Problem:
         return _of_norms(observations, larger, bench, steps, candidates.freed(declared))
@@ -133,15 +133,17 @@ def by_norm_exact(
     return _of_norms(observations, sensor, exact, steps, known)
 
 
-def _larger(sensor: Sensor, bench: Centrifuge, steps: Sequence[Spin]) -> Sensor:
+def _larger(sensor: Sensor, bench: Centrifuge, steps: Sequence[Spin], *, warmed: bool) -> Sensor:
     """Return the sensor with all coefficients that norms can show, those of `sensor` first.
 
     Of the misalignments these are the non-orthogonality, which is a name that a user can choose;
-    terms of the rate count where the rate in the body is known.
+    terms of the rate count where the rate in the body is known, those of temperature where it is
+    known and varies.
     """
     turns = bench.platform == "locked" and all(step.attitude is not None for step in steps)
     words = ("nonlinearity", "asymmetry", "cross", *(("rotation", "arm") if turns else ()))
     words += ("nonorthogonality",) if _is_triad(sensor) else ("misalignment",)
+    words += ("temperature",) if warmed else ()
     shown = sensor.with_coefficients("bias", "scale", *words).coefficients
     more = tuple(name for name in shown if name not in sensor.coefficients)
     return replace(sensor, coefficients=(*sensor.coefficients, *more))
@@ -172,6 +174,7 @@ def _of_norms(
     turning = sensor.uses("wi", "wp", "wo") and bench.platform == "locked"
     loose, known = vectors.split(declared)
     shared = _shared(observations, bench, steps)
+    warmth = temperature.offset(observations, sensor)
 
     @_kept
     def compared(x: Array) -> tuple[FeltNorm, FeltVector | None, NoisyNorm]:
@@ -180,7 +183,7 @@ def _of_norms(
         turned = felt_vector(bench, steps, q) if turning else None
         y, covariance = observations.mean, observations.covariance
         w = None if turned is None else turned.w
-        return made, turned, noisy_norm(sensor, y, covariance, x[..., :p], made.norm, w)
+        return made, turned, noisy_norm(sensor, y, covariance, x[..., :p], made.norm, w, warmth)
 
     def linearise(x: Array) -> tuple[Array, Array]:
         made, turned, seen = compared(x)
@@ -208,7 +211,7 @@ def _of_norms(
                 full = full + shared * (by[..., :, None] * by[..., None, :])
         if observations.drift is not None:
             w = None if turned is None else turned.w
-            at = norm(sensor, observations.mean, x[..., :p], made.norm, w)
+            at = norm(sensor, observations.mean, x[..., :p], made.norm, w, warmth)
             along = (at.up[..., None, :] @ at.by_reading)[..., 0, :]
             full = full + np.einsum("...ia,ija,...ja->...ij", along, observations.drift, along)
         return full

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from inercal.benches.dividing_head import DividingHead
 from inercal.estimate import Estimate, Gaussian, least_squares
 from inercal.estimate.scores import UNSCORED
-from inercal.methods import by_angle, vectors
+from inercal.methods import by_angle, temperature, vectors
 from inercal.methods._base import Method
 from inercal.methods.dual_orthogonal import patent as four
 from inercal.methods.dual_orthogonal import square
@@ -95,6 +95,7 @@ def patent(
         Cardinal positions that are missing, too few others, or K3 without a prior.
     """
     square.require_mounted(sensor)
+    temperature.refuse(sensor, "patent", "joint")
     vectors.require_rows(observations, sensor, steps)
     steady = by_angle.drifting(observations, bench, steps)
     there = by_angle.as_stated(steady, sensor, bench, steps)
@@ -123,6 +124,7 @@ def dual(
         Combinations of coefficients that g² and the priors leave free, named.
     """
     square.require_mounted(sensor)
+    temperature.refuse(sensor, "dual", "joint")
     vectors.require_rows(observations, sensor, steps)
     square.require_positions(sensor, steps)
     square.require_told(sensor, bench, steps, priors)
@@ -176,6 +178,7 @@ METHOD = Method(
     name="dual_orthogonal",
     bench=DividingHead,
     finds={"f": ("k0", "k1", "delta_o", "k2", "k3", "kip")},
+    also={"f": ("temperature",)},
     needs=("f",),
     plan=by_angle.plan,
     estimators={"joint": joint, "patent": patent, "dual": dual, "single": single},

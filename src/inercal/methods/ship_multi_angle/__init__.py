@@ -110,6 +110,7 @@ METHOD = Method(
     name="ship_multi_angle",
     bench=RateTable,
     finds={"f": ("k0", "k1", "delta_o", "delta_p")},
+    also={"f": ("temperature",)},
     needs=("f",),
     plan=plan,
     estimators={

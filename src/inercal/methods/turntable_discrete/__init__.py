@@ -185,7 +185,7 @@ METHOD = Method(
     name="turntable_discrete",
     bench=Turntable,
     finds={"f": ("bias", "scale", "misalignment"), "w": ("bias", "scale", "misalignment")},
-    also={"f": ("k2",), "w": ("g",)},
+    also={"f": ("k2", "temperature"), "w": ("g", "temperature")},
     needs=(),
     plan=partial(named, path="discrete"),
     estimators={"least_squares": least_squares},
