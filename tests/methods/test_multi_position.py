@@ -267,7 +267,7 @@ def test_what_is_carried_along_is_the_product_of_all_steps():
     white = 1e-6 * np.array([[2.0, 0.3, -0.2], [0.3, 1.0, 0.1], [-0.2, 0.1, 3.0]])
     found = carry(
         way.time, way.output, way.start, way.left, way.reached, way.stop,
-        model.back, model.zero, white,
+        model.back, model.zero, white, np.zeros(0),
     )  # fmt: skip
     for i in range(len(way.rest)):
         expected = dense_carry(way, i, model.back, model.zero, white)
@@ -291,6 +291,7 @@ def test_a_turn_of_known_rate_is_carried_as_that_turn(axis: int):
         np.eye(6),
         np.zeros(6),
         np.eye(3),
+        np.zeros(0),
     )
     # What is fixed in space turns backwards in the body. The last sample's weight is one.
     angle = rate * dt * (n - 1)

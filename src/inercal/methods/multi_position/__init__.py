@@ -121,7 +121,9 @@ def _rests(
 def _finished(rests: Rests, last: Stage, priors: Sequence[Gaussian]) -> Estimate:
     estimate = last.estimate
     require_observed(estimate, rests.sensor, missing=())
-    notes = (*g_sensitivity(rests, estimate), *advice(rests, estimate))
+    notes = g_sensitivity(rests, estimate)
+    if not rests.warmth.ndim:  # else another temperature may help as well
+        notes += advice(rests, estimate)
     if rests.passages is None:
         notes += (_ALIKE,)
     return replace(
@@ -139,7 +141,7 @@ METHOD = Method(
         "f": ("bias", "scale", "nonorthogonality"),
         "w": ("bias", "scale", "misalignment"),
     },
-    also={"f": ("k2", "k3"), "w": ("g",)},
+    also={"f": ("k2", "k3", "temperature"), "w": ("g", "temperature")},
     needs=("f",),
     plan=hand_held,
     estimators={"joint": joint, "sequential": sequential},

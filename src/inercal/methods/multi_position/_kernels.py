@@ -42,6 +42,7 @@ def carry(
     back: Array,
     zero: Array,
     white: Array,
+    weight: Array,
 ) -> tuple[Array, Array, Array]:
     """Return rotation, sensitivity and noise of each of k passages.
 
@@ -53,6 +54,8 @@ def carry(
         f and ω from the output: back @ y + zero, SI.
     white : (3, 3) array
         Covariance of one sample of the rate, as far as it is white, (rad/s)².
+    weight : (n,) array
+        Of each sample in the sensitivity; (0,) is 1 for all.
 
     Returns
     -------
@@ -70,6 +73,7 @@ def carry(
     felt, last, made = np.empty(7), np.empty(7), np.empty(7)
     e, turned = np.empty((3, 3)), np.empty((3, 3))
     felt[6] = 1.0
+    weighted, before, now = weight.size > 0, 1.0, 1.0
     for k in range(count):
         r, p = np.eye(3), np.zeros((3, 3))
         # The rows of the sensitivity, (b, quantity): apart, the compiler sees that they are.
@@ -79,6 +83,8 @@ def carry(
             for j in range(7):
                 last[j] = felt[j]
             _feel(felt, back, zero, output, i)
+            if weighted:
+                before, now = now, weight[i]
             if i == start[k]:
                 continue
             dt = time[i] - time[i - 1]
@@ -113,7 +119,7 @@ def carry(
             e20, e21, e22 = e[2, 0], e[2, 1], e[2, 2]
             # Half of a step's error is made before it and half after.
             for j in range(7):
-                half = 0.25 * dt * (last[j] + felt[j])
+                half = 0.25 * dt * (before * last[j] + now * felt[j])
                 s0[j] += half
                 s1[7 + j] += half
                 s2[14 + j] += half

@@ -30,6 +30,7 @@ from inercal.benches import Hand
 from inercal.benches.hand import across
 from inercal.estimate.spread import Spread
 from inercal.frames import exp_so3, from_up
+from inercal.methods import temperature
 from inercal.methods.multi_position.rotations import Carried, Rotations, carried, rotations
 from inercal.motion import Motion
 from inercal.observe import Norm, norm
@@ -97,6 +98,29 @@ class Rests:
         return len(self.force.axes)
 
     @cached_property
+    def warmth(self) -> Array:
+        """ΔT of each rest, (r,) K; () of 0 for a sensor that does not depend on it."""
+        return temperature.offset(self.observations, self.sensor)
+
+    @cached_property
+    def warmth_on_the_way(self) -> Array | None:
+        """ΔT of each sample of the passages, (n,) K; None without."""
+        if not self.warmth.ndim:
+            return None
+        return self.recorded_on_the_way
+
+    @property
+    def recorded_on_the_way(self) -> Array | None:
+        """The same whether the sensor depends on it or not."""
+        seen, way = self.observations, self.passages
+        if way is None or seen.temperature is None:
+            return None
+        kelvin = way.temperature
+        if kelvin is None:
+            kelvin = np.interp(way.time, seen.time, seen.temperature)
+        return kelvin - self.sensor.reference_temperature
+
+    @cached_property
     def noise(self) -> Array:
         """Covariance of each rest's mean readings, (r, q, q), q channels: noise, and drift."""
         drift = self.observations.drift
@@ -150,7 +174,8 @@ class Rests:
     def norms(self, x: Array) -> Norm:
         """Return the norm rows at x, with derivatives to the accelerometers' c and g."""
         a, p = len(self.force.coefficients), len(self.sensor.coefficients)
-        return norm(self.force, self.observations.mean[:, : self.m], x[:a], x[p : p + 1])
+        mean = self.observations.mean[:, : self.m]
+        return norm(self.force, mean, x[:a], x[p : p + 1], dT=self.warmth)
 
     def rows(self, x: Array, attitude: Array | None = None) -> Rows:
         """Return all rows at x = (c, g, ω_e, τ), (p + 5,).
@@ -199,7 +224,10 @@ class Rests:
 
         @lru_cache(maxsize=2)
         def at(c: bytes, timebase: float) -> Carried:
-            return carried(passages, self.sensor, np.frombuffer(c), self.white, timebase)
+            return carried(
+                passages, self.sensor, np.frombuffer(c), self.white, timebase,
+                self.warmth_on_the_way,
+            )  # fmt: skip
 
         return at
 
@@ -228,7 +256,7 @@ class Rests:
         """Return the gyros' residuals at rest, (r, 3), and their Jacobian, (3 r, p + 5)."""
         p = len(self.sensor.coefficients)
         earth = slice(p + 1, p + 4)
-        motion = Motion(at.felt, (to_level @ x[earth, None])[..., 0])
+        motion = Motion(at.felt, (to_level @ x[earth, None])[..., 0], dT=self.warmth)
         reading, design, slope = self.sensor.linearise(motion, x[:p])
         jacobian = np.zeros((*reading[:, self.m :].shape, x.size))
         jacobian[..., :p] = (design + slope[..., :3] @ to_felt)[:, self.m :]

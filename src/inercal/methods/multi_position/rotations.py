@@ -16,6 +16,7 @@ without external equipments", ICRA 2014, 3042–3049, equations 14 to 16; the er
 neighbouring passages share, and of the rate on the way are ours.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +24,7 @@ from numpy.typing import NDArray
 
 from inercal.errors import NotInvertible
 from inercal.frames import exp_so3, skew
+from inercal.methods import temperature
 from inercal.methods.multi_position._kernels import carry
 from inercal.motion import Motion
 from inercal.recording import Passages
@@ -30,6 +32,8 @@ from inercal.sensors import Sensor
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
+_PIECE = 100_000  # samples
+_TIMES = 2  # each leaves a few thousandths of what the one before left
 
 
 class Affine(NamedTuple):
@@ -61,7 +65,7 @@ class Rotations(NamedTuple):
     to_timebase: Array  # (k, 2), ∂(−ρ) to the relative error of the clock, rad
 
 
-def affine(sensor: Sensor, c: Array) -> Affine:
+def affine(sensor: Sensor, c: Array, dT: float = 0.0) -> Affine:
     """Return the inverse of the sensor's model, linear in the motion.
 
     Terms that bend the accelerometers' response are left out: here f serves only to take the
@@ -73,13 +77,15 @@ def affine(sensor: Sensor, c: Array) -> Affine:
         Accelerometers and gyros.
     c : (p,) array
         Coefficients in SI.
+    dT : float
+        Temperature minus the sensor's reference temperature, K.
 
     Raises
     ------
     NotInvertible
         The coefficients make the sensor blind along some direction.
     """
-    still = Motion(np.zeros((1, 3)))
+    still = Motion(np.zeros((1, 3)), dT=dT)
     at_rest, at_rest_design, slope = (a[0] for a in sensor.linearise(still, c))
     if np.linalg.matrix_rank(slope) < 6:
         raise NotInvertible(f"sensor {sensor.name}: the coefficients make it blind somewhere")
@@ -87,21 +93,83 @@ def affine(sensor: Sensor, c: Array) -> Affine:
     scale = np.array([axis.readout.scale for axis in sensor.axes])
     offset = np.array([axis.readout.offset for axis in sensor.axes])
     unit = np.concatenate([np.eye(6), np.zeros((1, 6))])
-    design = sensor.design(Motion(unit[:, :3], unit[:, 3:]), c)
+    design = sensor.design(Motion(unit[:, :3], unit[:, 3:], dT=dT), c)
     design[:6] -= at_rest_design
-    straight = [
-        sensor.coefficient(name).basis.degree("fi", "fp", "fo", "wi", "wp", "wo") <= 1
-        for name in sensor.coefficients
-    ]
     return Affine(
         inverse / scale,
         -inverse @ (offset / scale + at_rest),
-        -np.einsum("bm,qmp->bqp", inverse[3:], design * straight),
+        -np.einsum("bm,qmp->bqp", inverse[3:], design * _straight(sensor)),
     )
 
 
+def affine_each(sensor: Sensor, c: Array, dT: Array) -> Affine:
+    """Return the same at k temperatures, dT (k,) K beyond the reference, with a leading axis."""
+    warmth = dT[:, None]
+    at_rest, at_rest_design, slope = (
+        a[:, 0] for a in sensor.linearise(Motion(np.zeros((1, 3)), dT=warmth), c)
+    )
+    if (np.linalg.matrix_rank(slope) < 6).any():
+        raise NotInvertible(f"sensor {sensor.name}: the coefficients make it blind somewhere")
+    inverse: Array = np.asarray(np.linalg.pinv(slope), dtype=np.float64)
+    scale = np.array([axis.readout.scale for axis in sensor.axes])
+    offset = np.array([axis.readout.offset for axis in sensor.axes])
+    unit = np.eye(7, 6)
+    design = sensor.design(Motion(unit[:, :3], unit[:, 3:], dT=warmth), c)
+    design[:, :6] -= at_rest_design[:, None]
+    return Affine(
+        inverse / scale,
+        -(inverse @ (offset / scale + at_rest)[..., None])[..., 0],
+        -np.einsum("kbm,kqmp->kbqp", inverse[:, 3:], design * _straight(sensor)),
+    )
+
+
+def _straight(sensor: Sensor) -> NDArray[np.bool_]:
+    """Return which coefficients act on a rate that is linear in the motion, (p,)."""
+    felt = ("fi", "fp", "fo", "wi", "wp", "wo")
+    return np.array(
+        [sensor.coefficient(name).basis.degree(*felt) <= 1 for name in sensor.coefficients]
+    )
+
+
+def at_reference(output: Array, sensor: Sensor, c: Array, dT: Array) -> Array:
+    """Return what the sensor would have put out at its reference temperature, (n, m).
+
+    Parameters
+    ----------
+    output : (n, m) array
+        In output units.
+    sensor : Sensor
+    c : (p,) array
+        Coefficients in SI.
+    dT : (n,) array
+        Temperature of each sample minus the reference temperature, K.
+    """
+    model, made = affine(sensor, c), np.empty(output.shape)
+    scale = np.array([axis.readout.scale for axis in sensor.axes])
+    # In the reference form each term adds to the reading by itself.
+    names = sensor.coefficients if sensor.form == "tilted" else temperature.coefficients(sensor)
+    hot = replace(sensor, coefficients=tuple(names))
+    warm = c[[sensor.coefficients.index(name) for name in names]]
+    for start in range(0, len(output), _PIECE):
+        at = slice(start, start + _PIECE)
+        made[at] = output[at]
+        for _ in range(_TIMES):
+            felt = made[at] @ model.back.T + model.zero
+            here, there = (
+                hot.forward(Motion(felt[:, :3], felt[:, 3:], dT=warmth), warm)
+                for warmth in (dT[at], 0.0)
+            )
+            made[at] = output[at] - (here - there) * scale
+    return made
+
+
 def carried(
-    passages: Passages, sensor: Sensor, c: Array, white: Array, timebase: float = 0.0
+    passages: Passages,
+    sensor: Sensor,
+    c: Array,
+    white: Array,
+    timebase: float = 0.0,
+    dT: Array | None = None,
 ) -> Carried:
     """Return the rotations that the corrected rate makes.
 
@@ -116,14 +184,22 @@ def carried(
         Covariance of one sample of the rate, (rad/s)².
     timebase : float
         Relative error of the recording's clock: true intervals are 1 + timebase times as long.
+    dT : (n,) array, optional
+        Temperature of each sample minus the sensor's reference temperature, K.
     """
     model, way = affine(sensor, c), passages
     time = way.time * (1 + timebase)
+    output = way.output if dT is None else at_reference(way.output, sensor, c, dT)
+    ends = way.start, way.left, way.reached, way.stop
+    white = np.ascontiguousarray(white)
     turn, sensitivity, noise = carry(
-        time, way.output, way.start, way.left, way.reached, way.stop,
-        model.back, model.zero, np.ascontiguousarray(white),
-    )  # fmt: skip
+        time, output, *ends, model.back, model.zero, white, np.zeros(0)
+    )
     to_coefficient = np.einsum("kabq,bqp->kap", sensitivity, model.to_coefficient)
+    if dT is not None:
+        _, warmed, _ = carry(time, output, *ends, model.back, model.zero, white, dT)
+        by_kelvin = affine(sensor, c, 1.0).to_coefficient - model.to_coefficient
+        to_coefficient += np.einsum("kabq,bqp->kap", warmed, by_kelvin)
     to_timebase = np.einsum("kabb->ka", sensitivity[..., 3:6]) / (1 + timebase)
     return Carried(turn, to_coefficient, sensitivity[..., 6], to_timebase, noise)
 

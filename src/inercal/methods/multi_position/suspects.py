@@ -28,6 +28,7 @@ from inercal.motion import Motion
 from inercal.sensors import SI_UNITS, Sensor
 
 Array = NDArray[np.float64]
+Basis = Callable[[Motion], Array]
 
 _WORDS = {"f": ("nonlinearity", "asymmetry", "cross"), "w": ("nonlinearity", "asymmetry", "g")}
 _NAMES = {"f": "accelerometers", "w": "gyros"}
@@ -54,15 +55,18 @@ def candidates(rests: Rests, rows: Rows, x: Array) -> Iterator[Candidate]:
     yield from _of_rests(rests, enter)
 
 
-def _larger(sensor: Sensor) -> Sensor:
+def _larger(sensor: Sensor, more: tuple[str, ...]) -> Sensor:
     words = [word for kind in {a.measures for a in sensor.axes} for word in _WORDS[kind]]
-    return sensor.with_coefficients(*sorted(set(words)))
+    return sensor.with_coefficients(*sorted({*words, *more}))
 
 
 def _of_coefficients(rests: Rests, rows: Rows, x: Array, enter: Array) -> Iterator[Candidate]:
     """Return the coefficients that are not estimated: those of a kind together, and each alone."""
-    sensor, larger = rests.sensor, _larger(rests.sensor)
-    at_rest = Motion(rows.norm.felt, np.zeros_like(rows.norm.felt))
+    more = ("temperature",) if rests.observations.warmed else ()
+    sensor, larger = rests.sensor, _larger(rests.sensor, more)
+    warmth = rests.observations.temperature_offset(sensor.reference_temperature)
+    at_rest = Motion(rows.norm.felt, np.zeros_like(rows.norm.felt), dT=warmth)
+    of_samples = rests.recorded_on_the_way
     columns: dict[str, Array] = {}
     kinds: dict[tuple[str, str], list[str]] = {}
     turned = _turning(rests, rows, x)
@@ -71,7 +75,7 @@ def _of_coefficients(rests: Rests, rows: Rows, x: Array, enter: Array) -> Iterat
         axis = next(k for k, one in enumerate(sensor.axes) if one.name == name)
         measures = sensor.axes[axis].measures
         if full in sensor.coefficients or not any(
-            _of(word, larger, full) for word in _WORDS[measures]
+            _of(word, larger, full) for word in (*_WORDS[measures], *more)
         ):
             continue
         alone = replace(sensor, axes=(sensor.axes[axis],), coefficients=(full,))
@@ -81,7 +85,12 @@ def _of_coefficients(rests: Rests, rows: Rows, x: Array, enter: Array) -> Iterat
 
         column = _added(rests, enter, axis, basis(at_rest))
         if measures == "w":
-            column += turned(axis, lambda motion, _, basis=basis: basis(motion))
+
+            def added(motion: Motion, at: slice, basis: Basis = basis) -> Array:
+                warm = 0.0 if of_samples is None else of_samples[at]
+                return basis(replace(motion, dT=warm))
+
+            column += turned(axis, added)
         if np.max(np.abs(column)) > _LEAST:
             columns[full] = column
             kinds.setdefault((measures, family(larger.coefficient(full))), []).append(full)
@@ -115,7 +124,7 @@ def _turning(
     if way is None or turns is None or rows.way is None or rows.attitude is None:
         return lambda axis, basis: nothing
     sensor, p = rests.sensor, len(rests.sensor.coefficients)
-    model = affine(sensor, x[:p])
+    model = affine(sensor, x[:p], float(np.mean(rests.warmth)))
     size = np.empty(len(way.output))
     # One column at a time is changed and put back: a copy of a long recording would not fit.
     changed = way.output if way.output.flags.writeable else way.output.copy()
@@ -135,7 +144,8 @@ def _turning(
         before = changed[:, axis].copy()
         try:
             changed[:, axis] += size
-            there = carried(replace(way, output=changed), sensor, x[:p], rests.white, clock)
+            moved_way = replace(way, output=changed)
+            there = carried(moved_way, sensor, x[:p], rests.white, clock, rests.warmth_on_the_way)
         finally:
             changed[:, axis] = before
         moved = rotations(way.rest, there, rows.norm.felt, rests.across, earth @ x[p + 1 : p + 4])

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from inercal.errors import NotObserved
 from inercal.estimate import Estimate
+from inercal.methods import temperature
 from inercal.methods.multi_position._kernels import lag
 from inercal.methods.multi_position.rotations import affine
 from inercal.observe import norm
@@ -50,8 +51,9 @@ def delay(
         raise NotObserved(f"a time offset needs gyros and {_FEWEST} turns between rests")
     force, c = sensor.only("f"), estimate.value[: len(sensor.coefficients)]
     p, m = len(force.coefficients), len(force.axes)
-    up = norm(force, observations.mean[:, :m], c[:p], np.array([gravity])).up
-    model = affine(sensor, c)
+    warmth = temperature.offset(observations, sensor)
+    up = norm(force, observations.mean[:, :m], c[:p], np.array([gravity]), dT=warmth).up
+    model = affine(sensor, c, float(np.mean(warmth)))
     along, square = lag(
         way.time, way.output, way.left, way.reached, model.back, model.zero, up[way.rest], gravity
     )

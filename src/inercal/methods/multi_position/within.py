@@ -24,7 +24,8 @@ from inercal.estimate.spread import by_others
 from inercal.frames import skew
 from inercal.methods.multi_position.chain import entering, placed
 from inercal.methods.multi_position.rests import Rests, Rows, Scatter
-from inercal.methods.multi_position.rotations import affine
+from inercal.methods.multi_position.rotations import affine, affine_each
+from inercal.motion import Motion
 
 Array = NDArray[np.float64]
 
@@ -69,14 +70,23 @@ def changes(rests: Rests, rows: Rows, x: Array, scatter: Scatter) -> Changes | N
     if halves is None or rests.passages is None or rows.attitude is None:
         return None
     sensor, m, p = rests.sensor, rests.m, len(rests.sensor.coefficients)
-    model = affine(sensor, x[:p])
     scale = np.array([axis.readout.scale for axis in sensor.axes[:m]])
     back = np.broadcast_to(rows.norm.by_reading, (len(seen.labels), 3, m))
     force = np.einsum("kim,km->ki", back, halves.change[:, :m] / scale)
-    both = halves.integral @ model.back.T + halves.seconds[:, None] * model.zero
+    if not rests.warmth.ndim:
+        model = affine(sensor, x[:p])
+        turned = halves.integral @ model.back.T
+    else:
+        model = affine_each(sensor, x[:p], rests.warmth)
+        turned = (model.back @ halves.integral[..., None])[..., 0]
+    both = turned + halves.seconds[:, None] * model.zero
     turn = both[:, 3:] - (rows.attitude @ x[p + 1 : p + 4]) * halves.seconds[:, None]
     felt = rows.norm.felt
     basis = np.concatenate([rows.norm.up[:, None], across(rows.norm.up)], axis=1)
+    if rests.warmth.ndim and halves.warming is not None:
+        ends = (rests.warmth + halves.warming, rests.warmth)
+        warmed, cold = (sensor.forward(Motion(felt, dT=t), x[:p])[:, :m] for t in ends)
+        force = force - np.einsum("kim,km->ki", back, warmed - cold)
     change = np.einsum("kij,kj->ki", basis, force - np.cross(felt, turn))
 
     flicker = rests.noise - seen.covariance
