@@ -66,7 +66,8 @@ class Account:
         run, bench = folder.run, folder.run.bench
         assert isinstance(bench, Turntable)
         self.assembly = Assembly.of(run, layout, journal.header().poll)
-        self._estimates = run.method.name == METHOD.name
+        # Packets hold no temperature of each sample: coefficients of it are found afterwards.
+        self._estimates = run.method.name == METHOD.name and not run.sensor.uses("dT")
         self.live = Live(run) if self._estimates else None
         whole = all(len(run.sensor.only(kind).axes) == _TRIAD for kind in ("f", "w"))
         self._whole = run.sensor, bench

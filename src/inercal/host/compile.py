@@ -54,7 +54,9 @@ def compiled(run: Run, layout: Layout | None = None) -> None:
     InputError
         Packets that do not go with the run file.
     """
-    if run.method.name == METHOD.name and run.estimator in WAYS:
+    # Packets hold no temperature of each sample: coefficients of it are found afterwards.
+    followed = run.method.name == METHOD.name and not run.sensor.uses("dT")
+    if followed and run.estimator in WAYS:
         _filters(run)
     tracks = [_rest(run)] if layout is None else _assembled(run, layout)
     table = _table(run)

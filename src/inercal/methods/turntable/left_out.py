@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 # among candidates, and one of many columns takes much of it.
 MODES = 3
 _HARMONICS = 3  # of each axis, tested at least
-_NOT_FELT = ("arm", "rotation", "temperature")  # groups of coefficients
+_NOT_FELT = ("arm", "rotation")  # groups of coefficients
 _UNITS = {"f": "m/s²", "w": "rad/s"}
 _WORDS = {"f": "accelerometers", "w": "gyros"}
 
@@ -76,19 +76,25 @@ class Columns:
         return self.driving + self.observed
 
 
-def more(sensor: Sensor) -> Sensor:
-    """Return a triad with the coefficients of its tables that are not estimated."""
+def more(sensor: Sensor, *, warmed: bool = False) -> Sensor:
+    """Return a triad with the coefficients of its tables that are not estimated.
+
+    Those of temperature only where it is known and varies, `warmed`.
+    """
     names = tuple(
         full
         for axis in sensor.axes
         for one in TABLES[axis.measures]
         if one.group not in _NOT_FELT
+        and (warmed or not one.basis.uses("dT"))
         and (full := f"{axis.name}.{one.name}") not in sensor.coefficients
     )
     return replace(sensor, coefficients=names)
 
 
-def of_sensor(part: Triad, motion: Motion, time: Array) -> tuple[tuple[Column, ...], Array]:
+def of_sensor(
+    part: Triad, motion: Motion, time: Array, warmth: Array | None = None
+) -> tuple[tuple[Column, ...], Array]:
     """Return columns of coefficients and of the biases' changes, on readings, (n, 3, D).
 
     Parameters
@@ -98,8 +104,11 @@ def of_sensor(part: Triad, motion: Motion, time: Array) -> tuple[tuple[Column, .
         (n, 3).
     time : (n,) array
         s.
+    warmth : (n,) array, optional
+        Temperature minus the sensor's reference temperature, K, where it is known and varies.
     """
-    larger = more(part.sensor)
+    larger = more(part.sensor, warmed=warmth is not None)
+    motion = motion if warmth is None else replace(motion, dT=warmth)
     design = larger.design(motion, np.zeros(len(larger.coefficients)))
     columns: list[Column] = []
     for full, natural in zip(larger.coefficients, larger.natural.tolist(), strict=True):
@@ -125,7 +134,12 @@ def of_sensor(part: Triad, motion: Motion, time: Array) -> tuple[tuple[Column, .
 
 
 def of_gyros(
-    part: Triad, bench: Turntable, theta: Array, time: Array, angles: Array
+    part: Triad,
+    bench: Turntable,
+    theta: Array,
+    time: Array,
+    angles: Array,
+    warmth: Array | None = None,
 ) -> tuple[Columns, Array]:
     """Return the columns of gyros whose attitude a readback shows, and c where the run begins.
 
@@ -139,6 +153,8 @@ def of_gyros(
         s; where the run begins, and of each epoch.
     angles : (e + 1, k) array
         Readback there, rad.
+    warmth : (e + 1,) array, optional
+        As of `of_sensor`.
     """
     mat, since = reference(bench, angles), np.diff(time)
     since = np.where(since > 0, since, np.inf)  # of an epoch where the run begins nothing is asked
@@ -154,7 +170,8 @@ def of_gyros(
         (level @ (rate[1:] + earth)[..., None])[..., 0],
     )
     since = np.where(np.isfinite(since), since, 0.0)
-    columns, readings = of_sensor(part, felt, (time[1:] + time[:-1]) / 2)
+    between = None if warmth is None else (warmth[1:] + warmth[:-1]) / 2
+    columns, readings = of_sensor(part, felt, (time[1:] + time[:-1]) / 2, between)
     cm = middle @ _inverse(part, theta)
     of_place = np.zeros((len(since), 3, 2))
     of_place[:, 0, 0] = earth[1] * since
@@ -171,7 +188,12 @@ def of_gyros(
 
 
 def of_accelerometers(
-    part: Triad, bench: Turntable, theta: Array, time: Array, angles: Array
+    part: Triad,
+    bench: Turntable,
+    theta: Array,
+    time: Array,
+    angles: Array,
+    warmth: Array | None = None,
 ) -> Columns:
     """Return the columns of accelerometers that a table holds, as velocities.
 
@@ -181,9 +203,11 @@ def of_accelerometers(
         As of `of_gyros`.
     time, angles : (e,) and (e, k) arrays
         Of epochs; that of the first of a hold drives nothing.
+    warmth : (e,) array, optional
+        As of `of_sensor`.
     """
     mat = reference(bench, angles)
-    columns, readings = of_sensor(part, at_rest(bench, mat), time)
+    columns, readings = of_sensor(part, at_rest(bench, mat), time, warmth)
     since = np.diff(time, prepend=time[:1])
     driven = (mat @ _inverse(part, theta) @ readings) * since[:, None, None]
     observed, by = of_table(bench, angles, ("azimuth",))
@@ -191,14 +215,19 @@ def of_accelerometers(
 
 
 def of_means(
-    part: Triad, bench: Turntable, theta: Array, time: Array, angles: Array
+    part: Triad,
+    bench: Turntable,
+    theta: Array,
+    time: Array,
+    angles: Array,
+    warmth: Array | None = None,
 ) -> tuple[tuple[Column, ...], Array]:
     """Return the columns of means of accelerometers at rest, on readings, (n, 3, c).
 
     Arguments as of `of_gyros`, of n means.
     """
     mat = reference(bench, angles)
-    columns, readings = of_sensor(part, at_rest(bench, mat), time)
+    columns, readings = of_sensor(part, at_rest(bench, mat), time, warmth)
     observed, by = of_table(bench, angles, ("azimuth",))
     force = np.array([0.0, 0.0, bench.gravity.value])
     # The true attitude is ahead of the readback's by −c.

@@ -18,12 +18,14 @@ from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gaussian, NullDirection
 from inercal.estimate.nullspace import echelon
 from inercal.keys import CoefficientName
+from inercal.methods import temperature
 from inercal.methods.observed import in_natural_words
 from inercal.methods.turntable.drift import NONE, Drift, drift
 from inercal.methods.turntable.terms import BIAS, Terms, terms
 from inercal.parameters import Parameter
 from inercal.recording import Track
 from inercal.sensors import G0, Sensor
+from inercal.sensors.tables import LARGEST
 
 Array = NDArray[np.float64]
 ARCSEC = radians(1 / 3600)
@@ -44,7 +46,7 @@ EXPECTED = {
     "delta_o": 0.02,
     "delta_p": 0.02,
 }
-_OTHERS = 1e-3  # of the natural size: 1000 µg/g², 200 °/h/g
+_OTHERS = 1e-3  # of the natural size: 1000 µg/g², 200 °/h/g; of temperature LARGEST of it, 1 mg/K
 # Of the variance before: a direction that keeps more was decided by the guess, or owes it a share.
 _DECIDED, _FREE = 0.25, 0.01
 
@@ -109,7 +111,13 @@ def earth(bench: Turntable) -> Array:
 def expected(part: Triad) -> Array:
     """Return how large each coefficient may be before anything is known, (p,) SI."""
     named = zip(part.sensor.coefficients, part.sensor.natural, strict=True)
-    return np.array([EXPECTED.get(CoefficientName(n).term, _OTHERS * size) for n, size in named])
+    warm = temperature.coefficients(part.sensor)
+    return np.array(
+        [
+            LARGEST * size if n in warm else EXPECTED.get(CoefficientName(n).term, _OTHERS * size)
+            for n, size in named
+        ]
+    )
 
 
 def begin(part: Triad, priors: Sequence[Gaussian], coarse: Array) -> tuple[Array, Array]:

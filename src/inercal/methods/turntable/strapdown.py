@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from inercal.methods.turntable.terms import BASIS, FORCE, SQUARE
+from inercal.methods.turntable.terms import BASIS, FORCE, SQUARE, WARM
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -117,6 +117,27 @@ def matrix(nominal: Array, axis: Indices, weights: Array, c: Array, first: int, 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def warm_matrix(
+    nominal: Array, axis: Indices, weights: Array, c: Array, first: int, warmth: float, out: Array
+) -> None:
+    """Write M at a temperature: S has the part that is linear in u ΔT too."""
+    made = nominal.copy()
+    for m in range(axis.size):
+        for k in range(3):
+            by = weights[m, first + k] + warmth * weights[m, WARM + first + k]
+            made[axis[m], k] += c[m] * by
+    _invert(made, out)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def warm(phi: Array, warmth: float) -> None:
+    """Write what depends on ΔT into φ, by the rest of it."""
+    for b in range(BASIS):
+        phi[WARM + b] = warmth * phi[b]
+    phi[WARM + BASIS] = warmth * warmth
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def fill(phi: Array, f: Array) -> None:
     """Write what depends on f into φ."""
     phi[0] = 1.0
@@ -130,7 +151,8 @@ def fill(phi: Array, f: Array) -> None:
 @njit(cache=True, nogil=True, error_model="numpy")
 def taken(weights: Array) -> Indices:
     """Return which of φ a triad's coefficients take part of, 1 among them: biases drift."""
-    return np.array([b for b in range(BASIS) if b == 0 or np.any(weights[:, b] != 0.0)])
+    size = weights.shape[1]
+    return np.array([b for b in range(size) if b == 0 or np.any(weights[:, b] != 0.0)])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -147,12 +169,16 @@ def sum_up(axis: Indices, weights: Array, c: Array, drift: Array, used: Indices,
 def correct(
     reading: Array, m: Array, by: Array, phi: Array, used: Indices, first: int, u: Array
 ) -> None:
-    """Write u = M (reading − what is added beside the part linear in u, φ from `first`)."""
+    """Write u = M (reading − what is added beside the part linear in u, φ from `first`).
+
+    What is linear in u ΔT is in M too.
+    """
     u[:] = 0.0
     for j in range(3):
         left = reading[j]
         for b in used:
-            if b < first or b >= first + 3:
+            linear = b - WARM if b >= WARM else b
+            if linear < first or linear >= first + 3:
                 left -= by[b, j] * phi[b]
         for k in range(3):
             u[k] += m[k, j] * left

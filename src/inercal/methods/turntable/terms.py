@@ -4,9 +4,11 @@ A reading is affine in the coefficients, and its terms are of second degree in w
 
     y = N u + Σ_m c_m e_a(m) (T_m · φ(f, ω)),   φ = (1, f, ω, fx², fy², fz², fx fy, fx fz, fy fz)
 
-with u = f or ω, e_a the axis that coefficient m belongs to.
+with u = f or ω, e_a the axis that coefficient m belongs to. Of a sensor that depends on temperature
+φ goes on with ΔT times all of these, and ΔT².
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +21,8 @@ from inercal.sensors import G0, Sensor
 Array = NDArray[np.float64]
 BASIS = 13
 BIAS, FORCE, RATE, SQUARE = 0, 1, 4, 7  # where 1, f, ω and products of f begin in φ
+WARM = BASIS  # where ΔT times all of these begins, and after them ΔT² stands
+WHOLE = 2 * BASIS + 1
 
 
 class Terms(NamedTuple):
@@ -26,17 +30,27 @@ class Terms(NamedTuple):
 
     nominal: Array  # N, (3, 3)
     axis: NDArray[np.int64]  # a(m), (p,)
-    weights: Array  # T, (p, BASIS)
+    weights: Array  # T, (p, BASIS), or (p, WHOLE) of a sensor that depends on temperature
     first: int  # where u begins in φ
 
     @property
     def bias(self) -> NDArray[np.bool_]:
         """Which coefficients are biases, (p,)."""
-        return np.abs(self.weights) @ (np.arange(BASIS) != BIAS) == 0
+        return np.abs(self.weights) @ (np.arange(self.size) != BIAS) == 0
+
+    @property
+    def size(self) -> int:
+        """How many of φ there are."""
+        return self.weights.shape[1]
+
+    @property
+    def warm(self) -> bool:
+        """Whether ΔT is among them."""
+        return self.size > BASIS
 
 
 def basis(motion: Motion) -> Array:
-    """Return φ of a motion, (n, BASIS)."""
+    """Return φ of a motion without ΔT, (n, BASIS)."""
     f, w = np.broadcast_arrays(motion.f, motion.w)
     x, y, z = f.T
     one = np.ones_like(x)
@@ -59,11 +73,15 @@ def terms(sensor: Sensor) -> Terms:
     rng = np.random.default_rng(0)
     motion = Motion(G0 * rng.standard_normal((40, 3)), rng.standard_normal((40, 3)))
     probes = basis(motion)
+    if sensor.uses("dT"):
+        warmth = 10 * rng.standard_normal(len(probes))
+        motion = replace(motion, dT=warmth)
+        probes = np.column_stack([probes, warmth[:, None] * probes, warmth**2])
     scale = np.abs(probes).max(axis=0)
     p = len(sensor.coefficients)
     made = sensor.linearise(motion, np.zeros(p))
     back = np.asarray(np.linalg.pinv(probes / scale), dtype=float) / scale[:, None]
-    whole = back @ made.reading  # (BASIS, 3)
+    whole = back @ made.reading  # (size of φ, 3)
     first = FORCE if kinds == {"f"} else RATE
     design = np.einsum("bn,nap->pab", back, made.design)
     axis = np.abs(design).max(axis=-1).argmax(axis=-1)

@@ -28,6 +28,8 @@ from inercal.methods.turntable.strapdown import (
     driven_by,
     fill,
     turn_level,
+    warm,
+    warm_matrix,
 )
 from inercal.methods.turntable.terms import FORCE
 from inercal.methods.turntable_kalman._common import (
@@ -51,6 +53,7 @@ class Samples(NamedTuple):
     time: Array  # (n,) s
     forces: Array  # (n, 3), readings, m/s²
     hold: Indices  # (n,), number of the hold; negative while the table moves
+    warmth: Array  # (n,) K, ΔT; (0,) of a sensor that does not depend on it
 
 
 class Readback(NamedTuple):
@@ -77,7 +80,7 @@ class State(NamedTuple):
     theta: Array  # (p,)
     x: Array  # (n,)
     p: Array  # (n, n)
-    made: Array  # (BASIS, 3, 3), Σ C M φ Δt since the epoch before
+    made: Array  # (size of φ, 3, 3), Σ C M φ Δt since the epoch before
     time: Array  # (3,) s, of the sample and of the epoch before, and of the start
     force: Array  # (3,), of the sample before
     velocity: Array  # (3,) m/s
@@ -176,7 +179,8 @@ def _carry(first: int, end: int, samples: Samples, model: Model, state: State, d
     Return the sample to follow.
     """
     # Each field of a tuple that is asked for counts references: once here, not at each sample.
-    time, forces, hold = samples
+    time, forces, hold, warmth = samples
+    terms, theta, warmed = model.terms, state.theta, warmth.size > 0
     used, m, by, phi, cm, mean, u = (
         done.used, done.m, done.by, done.phi, done.cm, done.mean, done.u,
     )  # fmt: skip
@@ -188,6 +192,10 @@ def _carry(first: int, end: int, samples: Samples, model: Model, state: State, d
         if hold[i] >= 0 and hold[i] == number:
             for k in range(3):
                 mean[k] = 0.5 * (forces[i, k] + force[k])
+            if warmed:
+                warm(phi, warmth[i])
+                warm_matrix(terms.nominal, terms.axis, terms.weights, theta, FORCE, warmth[i], m)
+                product(c, m, cm)
             correct(mean, m, by, phi, used, FORCE, u)
             for k in range(3):
                 gain = -gravity if k == 2 else 0.0

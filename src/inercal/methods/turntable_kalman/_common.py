@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from inercal.methods.turntable.drift import Drift
 from inercal.methods.turntable.strapdown import matrix, sum_up, taken
-from inercal.methods.turntable.terms import BASIS, BIAS, Terms
+from inercal.methods.turntable.terms import BIAS, Terms
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -35,8 +35,8 @@ class Work(NamedTuple):
 
     used: Indices  # which of φ the coefficients take part of
     m: Array  # M, (3, 3)
-    by: Array  # what each of φ adds to the readings, (BASIS, 3)
-    phi: Array  # φ of the last step, (BASIS,)
+    by: Array  # what each of φ adds to the readings, (size of φ, 3)
+    phi: Array  # φ of the last step, (size of φ,)
     cm: Array  # C M in its middle, (3, 3)
     half: Array  # C in its middle, (3, 3)
     mean: Array  # reading, (3,)
@@ -48,11 +48,12 @@ class Work(NamedTuple):
 @njit(cache=True, nogil=True, error_model="numpy")
 def work(model: Model, theta: Array, drift: Array) -> Work:
     """Return where a piece begins: M and φ of coefficients (p,), drift of the biases (3,)."""
+    size = model.terms.weights.shape[1]
     made = Work(
         taken(model.terms.weights),
         np.zeros((3, 3)),
-        np.zeros((BASIS, 3)),
-        np.zeros(BASIS),
+        np.zeros((size, 3)),
+        np.zeros(size),
         np.zeros((3, 3)),
         np.zeros((3, 3)),
         np.zeros(3),
@@ -125,7 +126,7 @@ def average(
     at, by = np.empty(components + 2, np.int64), np.empty(components + 2)
     for s in range(axis.size):
         others = 0.0
-        for b in range(BASIS):
+        for b in range(weights.shape[1]):
             if b != BIAS:
                 others += abs(weights[s, b])
         if others > 0:

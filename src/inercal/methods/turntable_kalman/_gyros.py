@@ -25,8 +25,10 @@ from inercal.methods.turntable.strapdown import (
     driven_by,
     fill,
     rotate,
+    warm,
+    warm_matrix,
 )
-from inercal.methods.turntable.terms import FORCE, RATE, SQUARE
+from inercal.methods.turntable.terms import FORCE, RATE, SQUARE, WARM
 from inercal.methods.turntable_kalman._common import (
     Model,
     Work,
@@ -58,6 +60,7 @@ class Samples(NamedTuple):
     time: Array  # (n,) s
     rates: Array  # (n, 3), readings, rad/s
     hold: Indices  # (n,), number of the hold; negative while the table moves
+    warmth: Array  # (n,) K, ΔT; (0,) of a sensor that does not depend on it
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -154,13 +157,14 @@ def _carry(
 ) -> int:
     """Carry the attitude over samples, and sum up what drives φ; return the sample to follow."""
     # Each field of a tuple that is asked for counts references: once here, not at each sample.
-    time, rates, hold = samples
+    time, rates, hold, warmth = samples
+    terms, theta = model.terms, state.theta
     used, m, by, phi, cm, half, mean, u, turn, fed = done
     c, made, before, times, past = state.c, state.made, state.rates, state.times, state.past
     earth, white, gravity, gap = model.earth, model.white, model.gravity, settings.gap
     newest, now, kinks, lost = state.newest[0], state.time[0], state.bent[0], state.lost[0]
     sums, step, ended = state.sums, state.time[3], state.time[4]
-    squares = used[-1] >= SQUARE
+    squares, warmed = used[-1] >= SQUARE, warmth.size > 0
     for i in range(first, end):
         dt = time[i] - now
         if dt > gap:
@@ -179,6 +183,9 @@ def _carry(
                 kinks += (SUDDEN * bent * dt) ** 2
         if squares:
             fill(phi, phi[FORCE : FORCE + 3])
+        if warmed:
+            warm(phi, warmth[i])
+            warm_matrix(terms.nominal, terms.axis, terms.weights, theta, RATE, warmth[i], m)
         correct(mean, m, by, phi, used, RATE, u)
         # The way within the step, against the level frame; half of it first.
         for k in range(3):
@@ -195,6 +202,8 @@ def _carry(
             beyond = u[k] - around_earth
             still = hold[i] >= 0 or beyond * beyond * dt < STILL * white[k]
             phi[RATE + k] = around_earth if still else u[k]
+            if warmed:
+                phi[WARM + RATE + k] = warmth[i] * phi[RATE + k]
         copy(c, half)
         rotate(half, fed)
         rotate(c, turn)

@@ -55,15 +55,15 @@ class State(NamedTuple):
     theta: Array  # (p,)
     x: Array  # (n,)
     p: Array  # (n, n)
-    made: Array  # (BASIS, 3, 3), Σ C M φ Δt since the epoch before
+    made: Array  # (size of φ, 3, 3), Σ C M φ Δt since the epoch before
     # (5,) s: of the sample and of the epoch before, where the clock began, the step that led to the
     # sample before, and where the last gap ended
     time: Array
     rates: Array  # (3, 3), of the last two samples, the newer first, and how they bent, rad/s³
     bent: Array  # (1,) rad², variance of φ by sudden accelerations since the epoch before
     lost: NDArray[np.bool_]  # (1,), whether an alignment is due
-    # (k,), (k, 3, 3) and (k, BASIS, 3, 3), a ring: attitude of the last samples, and −G from the
-    # epoch before
+    # (k,), (k, 3, 3) and (k, size of φ, 3, 3), a ring: attitude of the last samples, and −G from
+    # the epoch before
     times: Array
     past: Array
     sums: Array

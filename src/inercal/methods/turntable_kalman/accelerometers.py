@@ -19,9 +19,9 @@ from inercal.benches.turntable import Turntable
 from inercal.benches.turntable_attitude import Misalignment, misalignment, reference
 from inercal.estimate import Course, Gaussian
 from inercal.estimate.kalman import Steps
+from inercal.methods import temperature
 from inercal.methods.turntable import model, strapdown
 from inercal.methods.turntable.model import Triad, beside
-from inercal.methods.turntable.terms import BASIS
 from inercal.methods.turntable_kalman import _accelerometers
 from inercal.methods.turntable_kalman._accelerometers import Readback, Samples, Settings, State
 from inercal.methods.turntable_kalman.common import (
@@ -152,7 +152,7 @@ class Accelerometers:
             theta=self.first.copy(),
             x=np.zeros(n),
             p=covariance,
-            made=np.zeros((BASIS, 3, 3)),
+            made=np.zeros((self.part.terms.size, 3, 3)),
             time=np.full(3, track.time[0]),
             force=np.zeros(3),
             velocity=np.zeros(3),
@@ -187,6 +187,7 @@ class Accelerometers:
                 track.time,
                 np.ascontiguousarray(track.reading[:, self.part.channels]),
                 track.hold,
+                temperature.along(track, self.part.sensor),
             ),
             self._readback(epochs, track.angles[epochs]),
             known(self.part, self.bench),

@@ -12,6 +12,7 @@ from inercal.estimate.innovations import grouped, means_and_whiteness, standardi
 from inercal.estimate.kalman import Steps
 from inercal.estimate.left_out import LeftOut, left_out
 from inercal.estimate.scores import compressed
+from inercal.methods import temperature
 from inercal.methods.turntable import left_out as columns
 from inercal.methods.turntable.left_out import Column, Columns
 from inercal.methods.turntable_kalman import ways
@@ -53,7 +54,8 @@ def of_gyros(made: Gyros, found: Found, track: Track, time: Array, steps: Steps)
     """
     whole = np.concatenate([track.time[:1], time])
     theta = found.value[: len(made.first)]
-    some, _ = columns.of_gyros(made.part, made.bench, theta, whole, _angles(track, whole))
+    warmth = temperature.at(track, made.part.sensor, whole)
+    some, _ = columns.of_gyros(made.part, made.bench, theta, whole, _angles(track, whole), warmth)
     phi = made.states.index(TILT[0])
     sums = left_out(steps, _start(made, some), some.driven, phi, some.seen, 0)
     sums = _averaged(made, track, time, sums)
@@ -65,7 +67,9 @@ def of_accelerometers(
 ) -> Checked:
     """Return what tests of the accelerometers' filter need; arguments as of `of_gyros`."""
     theta = found.value[: len(made.first)]
-    some = columns.of_accelerometers(made.part, made.bench, theta, time, _angles(track, time))
+    warmth = temperature.at(track, made.part.sensor, time)
+    angles = _angles(track, time)
+    some = columns.of_accelerometers(made.part, made.bench, theta, time, angles, warmth)
     start, seen = _start(made, some), some.seen[:, : steps.s.shape[1] - 3]
     sums = left_out(steps, start, some.driven, 0, seen, 3, ways.observed(made))
     sums = _averaged(made, track, time, sums)

@@ -11,6 +11,7 @@ from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian
 from inercal.estimate.once import Once
 from inercal.estimate.scores import UNSCORED
+from inercal.methods import temperature
 from inercal.methods.turntable import model
 from inercal.methods.turntable.model import ARCSEC
 from inercal.methods.turntable_kalman import checks
@@ -101,9 +102,9 @@ def followed(
     NotObserved
         Directions that the run does not decide.
     """
-    track = observations.track
-    if track is None:
+    if observations.track is None:
         raise InputError("the filters follow a recording; means of positions are not enough")
+    track = temperature.steady(observations.track)
     kinds = {axis.measures for axis in sensor.axes}
     priors = apart(sensor, priors)
     runs = [run for kind, run in (("w", gyros), ("f", accelerometers)) if kind in kinds]

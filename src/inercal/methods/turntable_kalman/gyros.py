@@ -21,9 +21,9 @@ from inercal.benches.turntable_attitude import misalignment, reference
 from inercal.errors import InputError
 from inercal.estimate import Course, Gaussian
 from inercal.estimate.kalman import Steps
+from inercal.methods import temperature
 from inercal.methods.turntable import model, strapdown
 from inercal.methods.turntable.model import ARCSEC, Triad, beside
-from inercal.methods.turntable.terms import BASIS
 from inercal.methods.turntable_kalman import _gyros
 from inercal.methods.turntable_kalman._gyros import Samples
 from inercal.methods.turntable_kalman._readback import Readback, Settings, State
@@ -163,19 +163,21 @@ class Gyros:
         x[3 + p + d :] = [one.value for one in self.table]
         time, mat = float(track.time[0]), reference(self.bench, track.angles[:1])[0]
         reading, waits = track.reading[0, self.part.channels], np.zeros((0, 5))
+        if self.part.terms.warm:
+            waits = np.zeros((0, 6))
         return State(
             c=mat,
             theta=self.first.copy(),
             x=x,
             p=covariance,
-            made=np.zeros((BASIS, 3, 3)),
+            made=np.zeros((self.part.terms.size, 3, 3)),
             time=np.array([time, time, time, 0.0, time]),
             rates=np.array([reading, reading, np.zeros(3)]),
             bent=np.zeros(1),
             lost=np.array([False]),
             times=np.full(self.kept, time),
             past=np.tile(mat, (self.kept, 1, 1)),
-            sums=np.zeros((self.kept, BASIS, 3, 3)),
+            sums=np.zeros((self.kept, self.part.terms.size, 3, 3)),
             newest=np.array([0]),
             tail=waits if self.lag < 0 else np.tile([time, *track.angles[0]], (self.lag, 1)),
         )
@@ -243,19 +245,22 @@ class Gyros:
         `tail` is what has waited.
         """
         rates, lag = track.reading[:, self.part.channels], self.lag
+        warmth = temperature.along(track, self.part.sensor)
         if lag < 0:
             hold = track.hold.astype(np.float64)
-            held = np.concatenate([tail, np.column_stack([track.time, rates, hold])])
+            beside = [warmth] if self.part.terms.warm else []
+            held = np.concatenate([tail, np.column_stack([track.time, rates, hold, *beside])])
             taken = max(len(held) + lag, 0)
             ready = held[:taken]
             samples = Samples(
-                ready[:, 0].copy(), ready[:, 1:4].copy(), ready[:, 4].astype(np.int64)
-            )
+                ready[:, 0].copy(), ready[:, 1:4].copy(), ready[:, 4].astype(np.int64),
+                ready[:, 5:].reshape(-1).copy(),
+            )  # fmt: skip
             first = track.time.size - taken
             return samples, track.time[first:], track.angles[first:], held[taken:]
         read = np.concatenate([tail, np.column_stack([track.time, track.angles])])
         ready = read[: track.time.size]
-        samples = Samples(track.time, np.ascontiguousarray(rates), track.hold)
+        samples = Samples(track.time, np.ascontiguousarray(rates), track.hold, warmth)
         return samples, ready[:, 0], ready[:, 1:], read[track.time.size :]
 
     def _late(self) -> NDArray[np.int64]:

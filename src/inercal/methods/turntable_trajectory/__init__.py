@@ -23,7 +23,7 @@ from inercal.errors import InputError
 from inercal.estimate import Candidate, Estimate, Gaussian, Problem, Test
 from inercal.estimate import least_squares as solve
 from inercal.estimate.innovations import grouped, means_of_residuals
-from inercal.methods import vectors
+from inercal.methods import temperature, vectors
 from inercal.methods._base import Method
 from inercal.methods.turntable import left_out, model
 from inercal.methods.turntable.left_out import Column
@@ -67,9 +67,9 @@ def trajectory(
     NotObserved
         Directions that the run does not decide.
     """
-    track = observations.track
-    if track is None:
+    if observations.track is None:
         raise InputError("a trajectory follows a recording; means of positions are not enough")
+    track = temperature.steady(observations.track)
     lead = track.reading.shape[:-2]
     spans = np.column_stack([observations.time, observations.duration])
     return stacked(
@@ -301,7 +301,7 @@ METHOD = Method(
     name="turntable_trajectory",
     bench=Turntable,
     finds={"f": ("bias", "scale", "misalignment"), "w": ("bias", "scale", "misalignment")},
-    also={"f": ("k2",), "w": ("g",)},
+    also={"f": ("k2", "temperature"), "w": ("g", "temperature")},
     needs=(),
     plan=named,
     estimators={"trajectory": trajectory},

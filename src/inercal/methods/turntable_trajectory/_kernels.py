@@ -12,8 +12,18 @@ from numpy.typing import NDArray
 from inercal.estimate.kalman import predict
 from inercal.methods.turntable.drift import Drift
 from inercal.methods.turntable.drifting import drifted, predict_drift
-from inercal.methods.turntable.strapdown import BENT, KINK, apart, copy, fill, matrix, rotate
-from inercal.methods.turntable.terms import BASIS, FORCE, RATE, SQUARE
+from inercal.methods.turntable.strapdown import (
+    BENT,
+    KINK,
+    apart,
+    copy,
+    fill,
+    matrix,
+    rotate,
+    warm,
+    warm_matrix,
+)
+from inercal.methods.turntable.terms import FORCE, RATE, SQUARE, WARM
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -33,6 +43,7 @@ def increments(
     earth: Array,
     gravity: float,
     noise: Array,
+    warmth: Array,
     apart_by: Array,
     columns: Array,
     drifting: Array,
@@ -59,6 +70,8 @@ def increments(
         m/s².
     noise : (3,) array
         Variance of each gyro's angle, rad²/s.
+    warmth : (n,) array
+        ΔT, K; (0,) of a sensor that does not depend on it.
     apart_by : (e, 3) array
         Written: the rotation from the gyros' to the readback's attitude, level frame, rad.
     columns, drifting : (e, 3, p) and (e, 3, 3) arrays
@@ -66,8 +79,8 @@ def increments(
     driven : (e, 3, 3) array
         Written: covariance that the gyros' noise gives it, rad².
     """
-    count = axis.size
-    m, phi, wrong, c = np.zeros((3, 3)), np.zeros(BASIS), np.zeros(3), np.zeros((3, 3))
+    count, size_of_phi, warmed = axis.size, weights.shape[1], warmth.size > 0
+    m, phi, wrong, c = np.zeros((3, 3)), np.zeros(size_of_phi), np.zeros(3), np.zeros((3, 3))
     half, move, u, cm = np.zeros((3, 3)), np.zeros(3), np.zeros(3), np.zeros((3, 3))
     turn, fed = np.zeros(3), np.zeros(3)
     matrix(nominal, axis, weights, theta, RATE, m)
@@ -79,18 +92,24 @@ def increments(
             for k in range(3):
                 phi[FORCE + k] = gravity * c[2, k]
             fill(phi, phi[FORCE : FORCE + 3])
+            if warmed:
+                warm(phi, warmth[i])
+                warm_matrix(nominal, axis, weights, theta, RATE, warmth[i], m)
             for k in range(3):
                 move[k] = 0.5 * (rates[i, k] + rates[i - 1, k])
                 wrong[k] = 0.0
             for s in range(count):
-                for b in range(BASIS):
-                    if b < RATE or b >= SQUARE:
+                for b in range(size_of_phi):
+                    linear = b - WARM if b >= WARM else b
+                    if linear < RATE or linear >= SQUARE:
                         wrong[axis[s]] += theta[s] * weights[s, b] * phi[b]
             for k in range(3):
                 u[k] = 0.0
                 for j in range(3):
                     u[k] += m[k, j] * (move[j] - wrong[j])
                 phi[RATE + k] = u[k]
+                if warmed:
+                    phi[WARM + RATE + k] = warmth[i] * u[k]
             for k in range(3):
                 around = 0.0
                 for j in range(3):
@@ -109,7 +128,7 @@ def increments(
                         cm[k, j] += half[k, b] * m[b, j]
             for s in range(count):
                 size = 0.0
-                for b in range(BASIS):
+                for b in range(size_of_phi):
                     size += weights[s, b] * phi[b]
                 for k in range(3):
                     columns[e, k, s] -= cm[k, axis[s]] * size * dt

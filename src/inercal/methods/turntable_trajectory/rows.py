@@ -12,7 +12,7 @@ is of second order but what happens within one epoch.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from inercal.benches.turntable import Turntable
 from inercal.benches.turntable_attitude import misalignment, reference
 from inercal.errors import InputError
 from inercal.frames import log_so3, skew
+from inercal.methods import temperature
 from inercal.methods.turntable import left_out, model, strapdown
 from inercal.methods.turntable.left_out import Column
 from inercal.methods.turntable_trajectory import _kernels
@@ -126,7 +127,8 @@ class Turning:
         _kernels.increments(
             track.time, np.ascontiguousarray(track.reading[:, self.part.channels]), self.epochs,
             self._attitude(stamp), terms.nominal, terms.axis, terms.weights, theta, earth,
-            self.bench.gravity.value, self.part.white, apart, columns, drifting, driven,
+            self.bench.gravity.value, self.part.white, temperature.along(track, self.part.sensor),
+            apart, columns, drifting, driven,
         )  # fmt: skip
         by = self._by(stamp, time - track.time[0])
         since = np.diff(time)
@@ -158,7 +160,8 @@ class Turning:
     def left_out(self, theta: Array) -> tuple[tuple[Column, ...], Array]:
         """Return columns of what is left out, (e, 3, c), for `rows`."""
         time, angles = self.track.time[self.epochs], self.track.angles[self.epochs]
-        found, first = left_out.of_gyros(self.part, self.bench, theta, time, angles)
+        warmth = temperature.at(self.track, self.part.sensor, time)
+        found, first = left_out.of_gyros(self.part, self.bench, theta, time, angles, warmth)
         seen = np.concatenate([first[None], found.seen])
         since = np.diff(time)[:, None, None]
         within = skew(model.earth(self.bench)) @ seen[:-1] * since
@@ -222,6 +225,10 @@ class Resting:
         How it moves with each nuisance.
     angles : (e, k) array
         Readback, rad.
+    warmth : (e,) array or None
+        Temperature minus the sensor's reference temperature, K, where it was recorded.
+    warmed : bool
+        Whether it varies.
     """
 
     part: model.Triad
@@ -234,6 +241,8 @@ class Resting:
     felt: Array
     by: Array
     angles: Array
+    warmth: Array | None = None
+    warmed: bool = False
     what = "accelerometers"
 
     @property
@@ -277,7 +286,15 @@ class Resting:
                 made[..., k] = (back @ turned[..., None])[..., 0]
         white = part.white / (count * step)
         run = float(track.time[0]), float(track.time[-1])
-        return cls(part, bench, table, run, time[:, 0], reading, white, felt, made, angles)
+        warmth = track.temperature_offset(part.sensor.reference_temperature)
+        if warmth is None:
+            temperature.along(track, part.sensor)  # refuses coefficients that need one
+        else:
+            warmth = np.add.reduceat(warmth[at], starts) / count[:, 0]
+        return cls(
+            part, bench, table, run, time[:, 0], reading, white, felt, made, angles, warmth,
+            track.warmed,
+        )  # fmt: skip
 
     def rows(
         self, theta: Array, q: Mapping[str, float], beside: Array | None = None
@@ -292,6 +309,8 @@ class Resting:
         """Return whitened residual, Jacobian and the mean drift; as of `Turning`."""
         off = np.array([_off(one, q) for one in self.table])
         motion = Motion(self.felt + self.by @ off)
+        if self.warmth is not None:
+            motion = replace(motion, dT=self.warmth)
         residual, jacobian = vector(self.part.sensor, self.reading, theta, motion, self.by, None)
         e = len(self.time)
         made = np.concatenate([residual[:, None], jacobian], axis=1).reshape(e, 3, -1)
@@ -309,4 +328,5 @@ class Resting:
 
     def left_out(self, theta: Array) -> tuple[tuple[Column, ...], Array]:
         """Return columns of what is left out, (e, 3, c), for `rows`."""
-        return left_out.of_means(self.part, self.bench, theta, self.time, self.angles)
+        warmth = self.warmth if self.warmed else None
+        return left_out.of_means(self.part, self.bench, theta, self.time, self.angles, warmth)

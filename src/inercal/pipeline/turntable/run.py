@@ -222,7 +222,7 @@ def _track(run: Run, recording: Recording, angles: Array, holds: Indices) -> Tra
         number[start:stop] = k
     places = [recording.channels.index(name) for name in run.sensor.channels]
     reading = run.sensor.to_si(recording.data[:, places])
-    return Track(recording.time, reading, angles, number)
+    return Track(recording.time, reading, angles, number, recording.temperature)
 
 
 def _steps(
