@@ -65,6 +65,7 @@ def test_every_run_file_of_the_examples_is_run_by_a_test():
     found = {str(path.relative_to(ROOT / "examples")) for path in ROOT.glob("examples/**/*.toml")}
     run = {"six_position/run.toml", "ferraris_simulated/run.toml", "hand_held/simulated.toml"}
     run |= {f"hand_held/{name}.toml" for name in ("xsens", "mpu9150")}  # by tests/accuracy
+    run |= {"six_position/soaks.toml"}  # by tests/test_temperature_runs.py
     # by tests/test_centrifuge_runs.py
     run |= {f"centrifuge/{name}.toml" for name in ("printed", "corrected", "lab", "arm_run")}
     # by tests/test_dividing_head_runs.py

@@ -1,0 +1,169 @@
+"""Run files with a column of temperature: from tables and recordings to a calibration in use."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from tests.accuracy import generator, warmth
+
+import inercal
+from inercal.budget.of_run import experiment_of
+from inercal.errors import InputError, NotObserved
+from inercal.pipeline import Outcome, apply, calibrate
+from inercal.runfile import read
+
+Array = NDArray[np.float64]
+EXAMPLE = Path(__file__).parents[1] / "examples" / "six_position"
+# What made soaks.csv, and its tilts of 0.1°: µg, ppm, µg/K, ppm/K.
+TRUTH = {
+    "k0": (4200, -8100, 11600), "k1": (1200, -2200, 3400),
+    "k0_dT": (120, -260, 310), "k1_dT": (-85, -110, -70),
+}  # fmt: skip
+RECORDED = """
+[sensor]
+name = "imu"
+[sensor.accelerometer]
+unit = "m/s²"
+[bench]
+gravity = "9.81 m/s² ± 0.1 mm/s²"
+tilt = "0.03 °"
+[data]
+file = "recording.csv"
+time = "time"
+accelerometer = ["ax", "ay", "az"]
+label = "label"
+marks = "labels"
+temperature = "temp"
+[method]
+name = "six_position"
+also = ["k0_dT", "k1_dT"]
+"""
+
+
+def copied(folder: Path, changes: dict[str, str], table: str | None = None) -> Path:
+    """Return a copy of the example's run file, with its text and its table changed."""
+    text = (EXAMPLE / "soaks.toml").read_text(encoding="utf-8")
+    for old, new in changes.items():
+        assert old in text
+        text = text.replace(old, new)
+    (folder / "soaks.toml").write_text(text, encoding="utf-8")
+    rows = (EXAMPLE / "soaks.csv").read_text(encoding="utf-8") if table is None else table
+    (folder / "soaks.csv").write_text(rows, encoding="utf-8")
+    return folder / "soaks.toml"
+
+
+def test_the_example_finds_what_made_its_table(tmp_path: Path):
+    outcome = calibrate(EXAMPLE / "soaks.toml")
+    assert outcome.estimate.consistent
+    assert outcome.verdict.word == "consistent"
+    found = outcome.calibration
+    for term, values in TRUTH.items():
+        for axis, value in zip("xyz", values, strict=True):
+            name = f"a{axis}.{term}"
+            si = found.sensor.coefficient(name).si
+            assert abs(found.value(name) / si - value) < 3 * found.uncertainty(name) / si, name
+    assert outcome.observations.labels[:7] == ("x_p", "x_a", "y_p", "y_a", "z_p", "z_a", "x_p (2)")
+    assert found.conditions["temperature"] == "20.04 °C (61.01 K range)"
+    page = inercal.write_report(outcome, tmp_path / "report.html")
+    assert "k0_dT" in Path(page).read_text(encoding="utf-8")
+
+
+def test_attitudes_in_the_report_are_those_at_the_rows_temperatures():
+    outcome = calibrate(EXAMPLE / "soaks.toml")
+    felt = outcome.felt().f
+    # Tilts of 0.1° turn gravity and leave its size.
+    assert np.abs(np.linalg.norm(felt, axis=1) / 9.80747 - 1).max() < 2e-4
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({'temperature = "temp"': ""}, "position 'x_a' comes in several rows"),
+        ({'temperature = "temp"': 'temperature = "t"'}, "no column 't'; it has position"),
+        ({'also = ["k0_dT", "k1_dT"]': 'estimator = "classical"'}, "takes each position"),
+        ({'also = ["k0_dT",': 'estimator = "classical"\nalso = ["k0_dT",'}, "k0_dT, .*take ml"),
+    ],
+)
+def test_what_a_table_lacks_is_said_in_one_line(
+    changes: dict[str, str], words: str, tmp_path: Path
+):
+    with pytest.raises(InputError, match=words) as raised:
+        calibrate(copied(tmp_path, changes))
+    assert "\n" not in str(raised.value)
+
+
+def test_coefficients_without_a_column_name_the_key(tmp_path: Path):
+    rows = (EXAMPLE / "soaks.csv").read_text(encoding="utf-8").splitlines()
+    once = "\n".join(rows[2:9])
+    with pytest.raises(InputError, match=r"\[data\] temperature is missing: ax.k0_dT"):
+        calibrate(copied(tmp_path, {'temperature = "temp"': ""}, once))
+
+
+def test_one_temperature_names_the_null_direction_and_what_to_do(tmp_path: Path):
+    rows = (EXAMPLE / "soaks.csv").read_text(encoding="utf-8").splitlines()
+    alike = "\n".join([rows[2], *(row.rpartition(",")[0] + ",21.30" for row in rows[3:])])
+    with pytest.raises(NotObserved, match=r"the rows are at 21\.30 to 21\.30 °C") as raised:
+        calibrate(copied(tmp_path, {}, alike))
+    assert any("ax.k0_dT" in words and "ax.k0" in words for words in raised.value.directions)
+
+
+def test_a_cell_without_a_temperature_is_refused_with_its_line(tmp_path: Path):
+    rows = (EXAMPLE / "soaks.csv").read_text(encoding="utf-8").splitlines()
+    rows[4] = rows[4].rpartition(",")[0] + ","
+    with pytest.raises(InputError, match="line 5: column 'temp' is empty or not finite"):
+        calibrate(copied(tmp_path, {}, "\n".join(rows)))
+
+
+def recorded(folder: Path) -> tuple[Path, generator.Imu, warmth.Warm]:
+    """Write a recording of six faces at three temperatures, and its run file."""
+    rng = np.random.default_rng(12)
+    faces = {f"{name}{k}": up for k in range(3) for name, up in generator.POSITIONS.items()}
+    device = generator.mems(rng)
+    hands = generator.Handling(gravity=9.81, tilt=5e-4)
+    made = generator.record(device, hands, rng, rate_hz=50.0, faces=faces, turns={})
+    n = made.time.size
+    temperature, warm = warmth.soaks(n, (-10, 20, 50)), warmth.draw(rng, 1)
+    data = warmth.on_imu(device, made.data, warm, temperature)[0, :, :3]
+    labels = np.array([label[:-1] for label in made.labels()])
+    rows = zip(made.time, *data.T, labels, temperature - warmth.ZERO, strict=True)
+    lines = [f"{t:.4f},{x:.7f},{y:.7f},{z:.7f},{w},{k:.3f}" for t, x, y, z, w, k in rows]
+    text = "\n".join(["time,ax,ay,az,label,temp", *lines])
+    (folder / "recording.csv").write_text(text, encoding="utf-8")
+    (folder / "run.toml").write_text(RECORDED, encoding="utf-8")
+    return folder / "run.toml", device, warm
+
+
+def test_a_recording_of_soaks_is_calibrated_and_corrected_at_its_temperatures(tmp_path: Path):
+    run, device, warm = recorded(tmp_path)
+    outcome = calibrate(run)
+    found = outcome.calibration
+    named = device.coefficients()
+    truth = [
+        float(warm.of(name)[0]) if name.endswith("_dT") else named[name]
+        for name in found.sensor.coefficients
+    ]
+    error = found.values - truth
+    nees = error @ np.linalg.solve(found.covariance, error)
+    assert 4.9 < nees < 42.4  # 0.1 and 99.9 % points of χ² of 18
+    assert outcome.observations.labels[:4] == ("x_p", "x_p (2)", "x_p (3)", "x_a")
+    corrected = apply(found, run)
+    held = [corrected.data[mark.start : mark.stop].mean(axis=0) for mark in outcome.marks]
+    assert np.linalg.norm(held, axis=1) == pytest.approx(np.full(18, 9.81), abs=5e-4)
+    plain = calibrate_plain(run)
+    assert plain.verdict.word == "not to be relied on"
+    assert any("k0_dT" in line for line in plain.verdict.lines)
+
+
+def calibrate_plain(run: Path) -> Outcome:
+    """Return what comes out without coefficients of temperature."""
+    other = run.with_name("plain.toml")
+    text = run.read_text(encoding="utf-8")
+    other.write_text(text.replace('also = ["k0_dT", "k1_dT"]', ""), encoding="utf-8")
+    return calibrate(other)
+
+
+def test_a_budget_of_a_plan_has_no_temperatures(tmp_path: Path):
+    run = copied(tmp_path, {})
+    with pytest.raises(InputError, match=r"ax\.k0_dT.*a plan states no temperatures"):
+        experiment_of(read(run))
