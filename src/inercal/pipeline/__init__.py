@@ -106,6 +106,19 @@ class Outcome:
         output = sensor.to_output(seen.mean)
         return self.calibration.correct(output, w=w, dw=np.zeros((1, 3)), dT=dT)
 
+    def felt(self, w: Array | None = None) -> Motion:
+        """Return what the means say was felt, by the calibration and at their temperatures.
+
+        Parameters
+        ----------
+        w : (r, 3) array, optional
+            Angular rate where the sensor has no gyros, rad/s.
+        """
+        sensor, seen = self.calibration.sensor, self.observations
+        dT = seen.temperature_offset(sensor.reference_temperature)
+        output = sensor.to_output(seen.mean)
+        return self.calibration.correct(output, w=w, dw=np.zeros((1, 3)), dT=dT)
+
 
 def calibrate(
     run: Run | str | Path, progress: Callable[[Generation], None] | None = None
@@ -180,7 +193,10 @@ def calibrate(
     except InputError as error:
         raise InputError(f"{run.path}: {error}") from None
     conditions = gathered.conditions | _temperature(gathered) | _search(run)
+<<<<<<< HEAD
     conditions |= remarks.conditions
+=======
+>>>>>>> h-temp
     if run.bench_name:
         conditions["bench"] = run.bench_name
     estimate = replace(
