@@ -138,28 +138,16 @@ def known(device: generator.Imu, warm: warmth.Warm, sensor: Sensor) -> Array:
 
 def in_hand(seed: int, trials: int, *, soaked: bool) -> tuple[Array, Array, Sensor]:
     """Return errors and covariance of IMUs in a hand, and their sensor."""
-<<<<<<< HEAD
-    rng = np.random.default_rng([seed, 8])
-    device = handheld.triangular(generator.mems(rng, G=np.zeros((3, 3))))
-    session = handheld.Session(
-        latitude=0.8, gravity_sd=2e-4, positions=18, rate_hz=50.0, hold_seconds=2.0
-=======
     rng = np.random.default_rng([seed, 8, soaked])
     device = handheld.triangular(generator.mems(rng, G=np.zeros((3, 3))))
     session = handheld.Session(
         latitude=0.8, gravity_sd=2e-4, positions=24, rate_hz=50.0, hold_seconds=2.0
->>>>>>> h-temp
     )
     made = handheld.record(device, session, rng, trials=trials)
     n, ends = made.time.size, made.rests
     temperature = warmth.ramp(n, 0, 40)
-<<<<<<< HEAD
-    if soaked:  # it changes on the way to rests 7 and 13
-        edges = [0, ends[5][1], ends[6][0], ends[11][1], ends[12][0], n]
-=======
     if soaked:  # it changes on the way to rests 9 and 17
         edges = [0, ends[7][1], ends[8][0], ends[15][1], ends[16][0], n]
->>>>>>> h-temp
         levels = np.repeat([0.0, 20.0, 40.0], 2)
         temperature = warmth.ZERO + np.interp(np.arange(n), edges, levels)
     warm = warmth.draw(rng, trials)
@@ -187,13 +175,8 @@ def on_table(
     seed: int, trials: int, method: str, *, soaked: bool, hz: float = 25.0
 ) -> tuple[Array, Array, Sensor]:
     """Return errors and covariance of IMUs on a turntable, and their sensor."""
-<<<<<<< HEAD
-    rng = np.random.default_rng([seed, 9])
-    made = turntable.draw(seed, trials, PATH, table=SMOOTH, hz=hz)
-=======
     rng = np.random.default_rng([seed, 9, soaked])
     made = turntable.draw(2 * seed + soaked, trials, PATH, table=SMOOTH, hz=hz)
->>>>>>> h-temp
     n = made.time.size
     temperature = warmth.soaks(n, (0, 40)) if soaked else warmth.ramp(n, 0, 40)
     warm = warmth.draw(rng, trials)

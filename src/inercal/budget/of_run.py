@@ -41,11 +41,7 @@ def experiment_of(run: Run) -> Experiment:
         )
     try:
         require_planless(run.sensor)
-<<<<<<< HEAD
         bench = require_possible(run.bench, run.steps)
-=======
-        require_possible(run.bench, run.steps)
->>>>>>> h-temp
         believed = {
             name: float(value)
             for prior in run.priors

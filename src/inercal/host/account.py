@@ -69,11 +69,7 @@ class Account:
         assert isinstance(bench, Turntable)
         self.assembly = Assembly.of(run, layout, journal.header().poll)
         # Packets hold no temperature of each sample: coefficients of it are found afterwards.
-<<<<<<< HEAD
         self._estimates = run.method.sequential is not None and not run.sensor.uses("dT")
-=======
-        self._estimates = run.method.name == METHOD.name and not run.sensor.uses("dT")
->>>>>>> h-temp
         self.live = Live(run) if self._estimates else None
         whole = all(len(run.sensor.only(kind).axes) == _TRIAD for kind in ("f", "w"))
         self._whole = run.sensor, bench

@@ -63,16 +63,9 @@ def compiled(run: Run, layout: Layout | None = None) -> None:
         Packets that do not go with the run file.
     """
     # Packets hold no temperature of each sample: coefficients of it are found afterwards.
-<<<<<<< HEAD
     if run.method.sequential is not None and not run.sensor.uses("dT"):
         _sequential(run)
     tracks = [_rest(run.sensor, _table(run))] if layout is None else _assembled(run, layout)
-=======
-    followed = run.method.name == METHOD.name and not run.sensor.uses("dT")
-    if followed and run.estimator in WAYS:
-        _filters(run)
-    tracks = [_rest(run)] if layout is None else _assembled(run, layout)
->>>>>>> h-temp
     table = _table(run)
     checks = Interlocks((AxisLimits(),) * len(table.names), table, run.sensor)
     for track in tracks:

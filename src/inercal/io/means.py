@@ -80,11 +80,7 @@ def read_columns(path: Path, columns: Columns, more: Sequence[str]) -> Table:
     InputError
         A column is missing.
     """
-<<<<<<< HEAD
     table = read_table(path, options=columns.options)
-=======
-    table = read_table(path)
->>>>>>> h-temp
     beside = [name for name in (columns.label, columns.temperature) if name is not None]
     for name in (*beside, *(name for _, name, _ in columns.channels), *more):
         if name not in table.columns:

@@ -193,10 +193,7 @@ def calibrate(
     except InputError as error:
         raise InputError(f"{run.path}: {error}") from None
     conditions = gathered.conditions | _temperature(gathered) | _search(run)
-<<<<<<< HEAD
     conditions |= remarks.conditions
-=======
->>>>>>> h-temp
     if run.bench_name:
         conditions["bench"] = run.bench_name
     estimate = replace(

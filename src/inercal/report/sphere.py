@@ -12,15 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-<<<<<<< HEAD
 from inercal.benches import Centrifuge, RateTable, Turntable
 from inercal.benches.centrifuge.arm import felt_vector
 from inercal.benches.turntable.attitude import reference
-=======
-from inercal.benches import Centrifuge, RateTable, Turntable, rate_table
-from inercal.benches.arm import felt_vector
-from inercal.benches.turntable_attitude import reference
->>>>>>> h-temp
 from inercal.pipeline import Outcome
 from inercal.plan import Hold, Position, Rotation, Spin, Step, Turn, direction
 from inercal.report import drawing
@@ -91,11 +85,7 @@ def _dwells(outcome: Outcome, bench: Centrifuge) -> list[Attitude]:
 
 def _on_table(outcome: Outcome, bench: RateTable) -> list[Attitude]:
     spins = [step for step in outcome.steps if isinstance(step, Spin)]
-<<<<<<< HEAD
     made = bench.mean_motion(spins, {}).motion
-=======
-    made = rate_table.felt(bench, spins, {})
->>>>>>> h-temp
     felt = outcome.felt()
     return [_measured(step, felt.f[k], made.f[k]) for k, step in enumerate(spins)]
 

@@ -6,12 +6,8 @@ slopes, of its bias and of its scale factor, found by least squares::
     y − ȳ = (a + b ȳ)(T − T̄) + noise
 
 and what they explain is taken out before the noise is judged. The means stay as they are: what T̄
-<<<<<<< HEAD
-does to them the coefficients of temperature say.
-=======
 does to them the coefficients of temperature say. A section whose temperature ranges over less than
 0.02 K has one: the noise of the temperature's sensor would explain as much of the readings' noise.
->>>>>>> h-temp
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -21,10 +17,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Sections = Callable[[], Iterable[Array]]
-<<<<<<< HEAD
-=======
 _STEADY = 0.02  # K
->>>>>>> h-temp
 
 
 def steadied(sections: Sections, temperature: Sequence[Array]) -> Sections:
@@ -37,13 +30,9 @@ def steadied(sections: Sections, temperature: Sequence[Array]) -> Sections:
     temperature : sequence of r (..., n) array
         Of their samples, K.
     """
-<<<<<<< HEAD
-    away = [kelvin - kelvin.mean(axis=-1, keepdims=True) for kelvin in temperature]
-=======
     away = [_away(kelvin) for kelvin in temperature]
     if not any(t.any() for t in away):
         return sections
->>>>>>> h-temp
     gram: Array = np.zeros((2, 2))
     product: Array = np.zeros(2)
     for y, t in zip(sections(), away, strict=True):
@@ -51,11 +40,7 @@ def steadied(sections: Sections, temperature: Sequence[Array]) -> Sections:
         by = np.stack([np.ones_like(mean), mean], axis=-1)  # (..., m, 2)
         square = (t**2).sum(axis=-1)[..., None, None, None]
         gram = gram + square * by[..., :, None] * by[..., None, :]
-<<<<<<< HEAD
-        product = product + (t[..., None] * y).sum(axis=-2)[..., None] * by
-=======
         product = product + (t[..., None] * (y - mean[..., None, :])).sum(axis=-2)[..., None] * by
->>>>>>> h-temp
     slopes = (np.linalg.pinv(gram) @ product[..., None])[..., 0]  # (..., m, 2)
 
     def without() -> Iterable[Array]:
@@ -64,12 +49,9 @@ def steadied(sections: Sections, temperature: Sequence[Array]) -> Sections:
             yield y - t[..., None] * slope[..., None, :]
 
     return without
-<<<<<<< HEAD
-=======
 
 
 def _away(kelvin: Array) -> Array:
     """Return the departure from the mean, (..., n) K; of sections at one temperature zero."""
     away = kelvin - kelvin.mean(axis=-1, keepdims=True)
     return np.where(np.ptp(kelvin, axis=-1, keepdims=True) > _STEADY, away, 0.0)
->>>>>>> h-temp
