@@ -106,19 +106,6 @@ class Outcome:
         output = sensor.to_output(seen.mean)
         return self.calibration.correct(output, w=w, dw=np.zeros((1, 3)), dT=dT)
 
-    def felt(self, w: Array | None = None) -> Motion:
-        """Return what the means say was felt, by the calibration and at their temperatures.
-
-        Parameters
-        ----------
-        w : (r, 3) array, optional
-            Angular rate where the sensor has no gyros, rad/s.
-        """
-        sensor, seen = self.calibration.sensor, self.observations
-        dT = seen.temperature_offset(sensor.reference_temperature)
-        output = sensor.to_output(seen.mean)
-        return self.calibration.correct(output, w=w, dw=np.zeros((1, 3)), dT=dT)
-
 
 def calibrate(
     run: Run | str | Path, progress: Callable[[Generation], None] | None = None
