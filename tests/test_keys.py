@@ -43,7 +43,7 @@ def test_an_error_is_a_name_and_a_place(text: str, name: str, place: str, vector
 
 
 def test_an_observation_is_a_channel_and_a_row() -> None:
-    one = ObservationName.of("ax", "XY30 at 90 rpm")
+    one = ObservationName("ax[XY30 at 90 rpm]")
     assert (one.channel, one.row) == ("ax", "XY30 at 90 rpm")
 
 

@@ -65,6 +65,10 @@ def test_the_example_finds_what_made_its_table(tmp_path: Path):
             assert abs(found.value(name) / si - value) < 3 * found.uncertainty(name) / si, name
     assert outcome.observations.labels[:7] == ("x_p", "x_a", "y_p", "y_a", "z_p", "z_a", "x_p (2)")
     assert found.conditions["temperature"] == "20.04 °C (61.01 K range)"
+    assert found.validity is not None
+    assert found.validity.temperature is not None
+    coldest, warmest = found.validity.temperature
+    assert warmest - coldest == pytest.approx(61.01, abs=0.005)
     page = inercal.write_report(outcome, tmp_path / "report.html")
     assert "k0_dT" in Path(page).read_text(encoding="utf-8")
 

@@ -76,11 +76,6 @@ class ObservationName(str):
 
     __slots__ = ()
 
-    @classmethod
-    def of(cls, channel: str, row: str) -> Self:
-        """Return the name of a channel's observation in a row."""
-        return cls(f"{channel}[{row}]")
-
     @property
     def channel(self) -> str:
         """The channel, "ax"."""

@@ -51,10 +51,11 @@ def _readings(sensor: Sensor, gathered: Gathered, kind: str) -> Iterator[Array]:
 
 def _temperatures(gathered: Gathered) -> Iterator[Array]:
     """Yield the temperatures of the sections that were used, K; between them where they are."""
-    recording, marks = gathered.recording, gathered.marks
+    recording, marks, observations = gathered.recording, gathered.marks, gathered.observations
+    if recording is None and observations.temperature is not None:
+        yield observations.temperature
     if recording is None or recording.temperature is None:
         return
-    observations = gathered.observations
     if observations.track is not None or not marks:
         yield recording.temperature
     elif observations.passages is not None:

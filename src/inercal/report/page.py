@@ -10,6 +10,7 @@ import numpy as np
 from markupsafe import Markup
 
 from inercal.benches import DividingHead, RateTable, Turntable
+from inercal.benches.kinds import kind_of
 from inercal.calibration.verdict import chance
 from inercal.methods.observed import NOISE_ALONE
 from inercal.pipeline import Outcome
@@ -182,9 +183,10 @@ def facts(outcome: Outcome) -> list[tuple[str, str]]:
     used = f"{holds} position{'s' * (holds != 1)}"
     if spins:
         rates = len({round(abs(step.rate), 3) for step in spins})
-        table = isinstance(outcome.bench, RateTable)
-        rows, turner = ("states", "table") if table else ("rows", "arm")
-        used = f"{len(spins)} {rows}\nat {rates} rate{'s' * (rates != 1)} of the {turner}"
+        words = kind_of(outcome.bench).words
+        used = (
+            f"{len(spins)} {words.rows}\nat {rates} rate{'s' * (rates != 1)} of the {words.turner}"
+        )
     if turns:
         used += f"\n{turns} turn{'s' * (turns != 1)}"
     result.append(("Used", used))
