@@ -120,7 +120,7 @@ def test_very_many_rows_are_scored_as_few_are(
         np.testing.assert_allclose(other.size, one.size, rtol=1e-9)
         np.testing.assert_allclose(other.shift, one.shift, rtol=1e-9)
         assert other.cosine(many.scores[2]) == pytest.approx(one.cosine(few.scores[2]), rel=1e-9)
-        assert other.explained.size < one.explained.size
+        assert other.explained.column.size < one.explained.column.size
 
 
 def test_products_alone_give_the_same_scores(rng: np.random.Generator) -> None:

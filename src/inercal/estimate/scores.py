@@ -44,6 +44,7 @@ SHARE = 0.8  # of the level, for the scores; the rest is for χ² and the method
 ALIKE = np.cos(np.pi / 6)  # 30°: closer candidates cannot be told apart
 _ROUNDING = 1e-12  # of a product of columns of length 1, over a hundred thousand rows
 _FEW_COLUMNS = 1000  # whose span is worked out
+_NUMBERS = 3_000_000  # in them, at most: they are kept together for it
 _MANY = 5000  # rows, beyond which fewer dimensions stand for them
 _VISIBLE = 3.0  # η at the largest plausible size; below, a candidate is not scored
 _ETA, _MISSED = 6.0, 0.05  # at which η all candidates are missed alike, with what probability
@@ -112,6 +113,33 @@ class Candidate:
 
 
 @dataclass(frozen=True, eq=False)
+class Explained:
+    """The part of a whitened residual that a candidate explains, (1 − Q Qᵀ) c for one column c.
+
+    Q are the directions of the estimate. Column and QᵀC are kept, not their difference: a
+    candidate of one row among thousands has few rows, what it leaves to the residuals has all.
+
+    Parameters
+    ----------
+    at : (n,) array of int
+        The rows in which the column is not zero.
+    column : (n,) array
+        The column there.
+    taken : (p,) array
+        Qᵀ c.
+    """
+
+    at: NDArray[np.intp]
+    column: Array
+    taken: Array
+
+    def product(self, other: "Explained") -> float:
+        """Return the scalar product of what two candidates explain."""
+        _, one, two = np.intersect1d(self.at, other.at, assume_unique=True, return_indices=True)
+        return float(self.column[one] @ other.column[two] - self.taken @ other.taken)
+
+
+@dataclass(frozen=True, eq=False)
 class Score:
     """The score test of one candidate.
 
@@ -129,9 +157,8 @@ class Score:
     shift : (p,) array
         By how much `size` moved the estimate of each parameter, SI. Where the data show nothing of
         the candidate: by how much its largest plausible size would move it.
-    explained : (m,) array
-        The part of the whitened residual that the candidate explains; of very many rows in
-        coordinates of fewer dimensions, with the same lengths and angles.
+    explained : Explained
+        The part of the whitened residual that the candidate explains.
     """
 
     name: str
@@ -143,7 +170,7 @@ class Score:
     chi2: float
     dof: int
     shift: Array
-    explained: NDArray[np.floating]
+    explained: Explained
 
     @property
     def p_value(self) -> float:
@@ -152,8 +179,8 @@ class Score:
 
     def cosine(self, other: "Score") -> float:
         """Return |cos| of the angle between what both explain; 0 where one explains nothing."""
-        product = np.linalg.norm(self.explained) * np.linalg.norm(other.explained)
-        return float(abs(self.explained @ other.explained) / product) if product > 0 else 0.0
+        lengths = float(np.sqrt(self.chi2 * other.chi2))
+        return abs(self.explained.product(other.explained)) / lengths if lengths > 0 else 0.0
 
 
 @dataclass(frozen=True)
@@ -240,11 +267,9 @@ def scored(
     size_of = np.where(size_of > 0, size_of, 1.0)
     q, triangle = np.linalg.qr(jacobian / size_of)
     back = np.linalg.pinv(triangle) / size_of[:, None]
-    # What comes one by one is of thousands of rows, for thousands of candidates.
-    kept_together = isinstance(candidates, Sequence)
     made: list[Score] = []
     spanned: list[Array] = []
-    columns_of = 0
+    columns_of, few = 0, min(_FEW_COLUMNS, _NUMBERS // len(residual))
     for one in candidates:
         length = np.linalg.norm(one.rows, axis=0)
         unit = 1 / np.where(length > 0, length, 1.0) if one.largest is None else one.largest
@@ -267,10 +292,10 @@ def scored(
             shifts = one.moved @ (unit[:, None] * moves) + (shifts if shifts.size else 0.0)
         shift = shifts[:, 0] if k else np.linalg.norm(shifts, axis=1)
         open_ = np.linalg.norm(v, axis=0) < 1 - 1e-6 if k else np.ones(len(unit), dtype=bool)
-        explained: NDArray[np.floating] = u @ t
         columns_of += k
-        if columns_of <= _FEW_COLUMNS:
+        if columns_of <= few:
             spanned.append(u)
+        at = np.flatnonzero(np.any(columns != 0.0, axis=1))
         made.append(
             Score(
                 one.name,
@@ -282,11 +307,11 @@ def scored(
                 float(t @ t),
                 k,
                 shift,
-                explained if kept_together else explained.astype(np.float32),
+                Explained(at, columns[at] @ size, taken @ size),
             )
         )
     # Of very many columns the span is taken as large as it may be: the bound is valid, but wider.
-    span = _rank(spanned) if columns_of <= _FEW_COLUMNS else min(columns_of, dof)
+    span = _rank(spanned) if columns_of <= few else min(columns_of, dof)
     return Scored(tuple(made), span, float(residual @ residual), dof)
 
 

@@ -27,11 +27,12 @@ def validity(sensor: Sensor, gathered: Gathered) -> Validity:
 
 
 def _range(parts: Iterator[Array]) -> Range | None:
-    finite = [values[np.isfinite(values)] for values in parts]
-    known = [values for values in finite if values.size]
-    if not known:
-        return None
-    return float(min(v.min() for v in known)), float(max(v.max() for v in known))
+    low, high = np.inf, -np.inf
+    for values in parts:  # one by one: all together are as large as the recording
+        finite = values[np.isfinite(values)]
+        low = min(low, float(finite.min(initial=np.inf)))
+        high = max(high, float(finite.max(initial=-np.inf)))
+    return (low, high) if low <= high else None
 
 
 def _readings(sensor: Sensor, gathered: Gathered, kind: str) -> Iterator[Array]:
