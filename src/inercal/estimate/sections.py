@@ -185,9 +185,10 @@ def judge(
         unknown, none = np.full(len(names), np.nan), np.zeros((r, len(names)))
         return Judged(WHITE, np.ones(r), unknown, unknown, none)
     fitted, others = correlations([powers(one, size, used) for one in sections], sections)
+    distinct = {id(found): found for found in (fitted, *others)}  # nearly all are one
     moderated = {
-        id(found): scales([fine(one, size, used, found) for one in sections])
-        for found in (fitted, *others)
+        key: scales([fine(one, size, used, found) for one in sections])
+        for key, found in distinct.items()
     }
     changes = [
         _Change(label, found, *(float(part[k]) for part in moderated[id(found)]))
