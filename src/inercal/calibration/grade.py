@@ -1,7 +1,7 @@
 """The rule of the verdict: how far a result can be relied on, for every method alike.
 
-The tests of an estimate are χ² of its residuals (or of each group of them), the method's further
-tests, and the score tests of what was left out. Their overall level is 1 %: .8 % for the scores and
+The tests of an estimate are χ² of its residuals (or of each group of them; F where their noise was
+found from the recording), the method's further tests, and the score tests of what was left out. Their overall level is 1 %: .8 % for the scores and
 .2 % for the tests, or all of it for the tests where nothing is scored. The grade follows::
 
     consistent                 no test rejects the model, and no check warns
@@ -28,7 +28,7 @@ import numpy as np
 from scipy.special import chdtrc, fdtrc, gammaln
 
 from inercal.estimate import Estimate, Score
-from inercal.estimate.scores import ALIKE, LEVEL, SHARE, Kind, Scored
+from inercal.estimate.scores import ALIKE, LEVEL, SHARE, Kind, Scored, tail
 from inercal.recording import Finding
 
 Grade = Literal["consistent", "reservations", "unreliable"]
@@ -196,14 +196,15 @@ def assess(estimate: Estimate, count: int, possible: Collection[str] = ()) -> As
     named = [(f"residuals: {group.name}", group.chi2, group.dof) for group in estimate.groups]
     if not named and estimate.dof:
         named = [("residuals", float(estimate.chi2), estimate.dof)]
-    named += [(test.name, test.statistic, test.dof) for test in estimate.tests]
-    real = [one for one in named if one[2] > 0]
+    nu = estimate.noise_dof
+    real = [(name, chi2, dof, tail(chi2, dof, nu)) for name, chi2, dof in named if dof > 0]
+    # What a method tests besides is χ² whatever is behind the noise.
+    real += [(one.name, one.statistic, one.dof, one.p_value) for one in estimate.tests if one.dof]
     scored = estimate.scored
     share = 1 - SHARE if any(one.dof for one in scored.scores) else 1.0
     tests = tuple(
         Assessed(name, chi2, dof, p, min(1.0, len(real) * p / share))
-        for name, chi2, dof in real
-        for p in (float(chdtrc(dof, chi2)),)
+        for name, chi2, dof, p in real
     )
     significant = [s for s in scored.scores if among_all(scored, s) < LEVEL]
     return Assessment(

@@ -112,6 +112,8 @@ class Estimate:
     sensitivities : mapping of str to (..., p) array
         ∂(estimates)/∂(stated value) of what `covariance` counts and does not tell by itself:
         quantities that are known beforehand and eliminated, or estimated in parts.
+    noise_dof : float
+        Degrees of freedom behind the noise of one channel; not finite where it is stated.
     """
 
     names: tuple[str, ...]
@@ -135,6 +137,7 @@ class Estimate:
     tests: tuple[Test, ...] = ()
     scoring: Once[Scored] = UNSCORED
     sensitivities: Mapping[str, Array] = field(default_factory=dict[str, Array])
+    noise_dof: float = np.inf
 
     @classmethod
     def of_formulas(
@@ -168,7 +171,7 @@ class Estimate:
     @cached_property
     def scored(self) -> Scored:
         """Score tests of what was not estimated; none where there are trials."""
-        return self.scoring()
+        return replace(self.scoring(), noise_dof=self.noise_dof)
 
     @property
     def p_value(self) -> Array:

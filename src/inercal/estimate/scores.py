@@ -32,7 +32,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc, chdtri, chndtrix
+from scipy.special import chdtrc, chdtri, chndtrix, fdtrc
 
 from inercal.estimate.once import Once
 
@@ -50,6 +50,22 @@ _VISIBLE = 3.0  # η at the largest plausible size; below, a candidate is not sc
 _ETA, _MISSED = 6.0, 0.05  # at which η all candidates are missed alike, with what probability
 _MOST = 6  # directions, for the share of the level
 _SEEN = 1e-6  # least share of a candidate's column that the fit leaves to the residuals
+
+
+def tail(chi2: float, dof: int, noise_dof: float = np.inf) -> float:
+    """Return the probability of a χ² at least as large if the model holds; 1 without dof.
+
+    Parameters
+    ----------
+    chi2, dof : float and int
+    noise_dof : float
+        Degrees of freedom behind the noise by which χ² was formed: F where they are finite. Of
+        channels that were judged apart those of one: the distribution is then a little too wide.
+    """
+    if dof <= 0:
+        return 1.0
+    known = np.isinf(noise_dof)
+    return float(chdtrc(dof, chi2) if known else fdtrc(dof, noise_dof, chi2 / dof))
 
 
 class Test(NamedTuple):
@@ -194,12 +210,15 @@ class Scored:
         Dimension of the space that the candidates span.
     chi2, dof : float and int
         Of the whole whitened residual.
+    noise_dof : float
+        Degrees of freedom behind the noise.
     """
 
     scores: tuple[Score, ...] = ()
     span: int = 0
     chi2: float = 0.0
     dof: int = 0
+    noise_dof: float = np.inf
 
     def shifting(self, change: Callable[[Array], Array]) -> "Scored":
         """Return the same with shifts of other parameters, which a function makes of those here."""
@@ -213,13 +232,13 @@ class Scored:
         ----------
         score : Score
         p_value : float, optional
-            Of the score alone by another distribution than χ².
+            Of the score alone by another distribution than `tail`.
         """
         if not score.dof:
             return 1.0
         if p_value is None and self._by_span:
-            return float(chdtrc(self.span, score.chi2))
-        p = score.p_value if p_value is None else p_value
+            return tail(score.chi2, self.span, self.noise_dof)
+        p = tail(score.chi2, score.dof, self.noise_dof) if p_value is None else p_value
         return min(1.0, p * self._weights / _weight(score.dof))
 
     @cached_property

@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 from functools import cached_property
 from hashlib import sha256
 from importlib.metadata import version
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -193,6 +194,8 @@ def calibrate(
             *assumed.notes(constants),
         ),
         tests=tuple(dict.fromkeys((*observations.tests, *estimate.tests))),
+        # Filters weigh samples by the stated noise.
+        noise_dof=observations.dof if observations.track is None else inf,
     )
     judged = verdict(
         estimate, sensor, findings, expected, run.method.possible(sensor), _row_word(run)

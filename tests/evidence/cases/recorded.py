@@ -257,9 +257,12 @@ name = "multi_position"
 _SESSION = handheld.Session(
     positions=POSITIONS, rate_hz=100.0, gravity=hand.GRAVITY, latitude=hand.LATITUDE
 )
+_PATH = 7  # seed of the hand's ways, the same for all devices: η is theirs
 _IDEAL = Imu(np.eye(3), np.zeros(3), np.eye(3), np.zeros(3), np.zeros((3, 3)))
 
 
+# Rates of a rest weigh in its turns as 1 − t/T, t/T, and a triangle: ∫ of their products over T.
+_WITHIN = np.linalg.cholesky(np.array([[4, 2, 3], [2, 4, 3], [3, 3, 4]]) / 12)
 # As candidates and the test of a rest that was cut name it.
 _STEP_FREE = ("change within r01", "change of ax within r01", "ax[r01]")
 
@@ -290,7 +293,7 @@ def multi_position() -> Case:
     a rest: from half to half the accelerometers tilt by as much as the gyros' noise leaves open.
     """
     hz = _SESSION.rate_hz
-    path = handheld.record(_IDEAL, _SESSION, np.random.default_rng(7), ups=_ups())
+    path = handheld.record(_IDEAL, _SESSION, np.random.default_rng(_PATH), ups=_ups())
     data, rests = path.data[0], path.rests
     ups = path.ups[0]
     across = _across(ups)
@@ -303,6 +306,14 @@ def multi_position() -> Case:
     attitudes = [first]
     for turn in exact:
         attitudes.append(attitudes[-1] @ turn)
+
+    def swayed(v: Values, k: int) -> Array:
+        """Return what a hand may turn the sensor in rest k beyond the gyros' noise, (3, 2) rad.
+
+        From its start to its mean, from its mean to its end, and from half to half.
+        """
+        unit = [[v.get(f"sway{i}{j}[{k}]", 0.0) for j in (1, 2)] for i in range(3)]
+        return WHITE_G * np.sqrt(hold) * _WITHIN @ np.array(unit)
 
     def readings(v: Values) -> Array:
         clock = 1 - v.get("timebase", 0.0)
@@ -317,8 +328,7 @@ def multi_position() -> Case:
             f = (data[a, :3] + hand.GRAVITY * lean[k] @ across[k]) * g
             w = data[a, 3:] + more * ups[k] + attitudes[k].T @ level
             place = middles[k] / run - 0.5
-            sway = hand.GRAVITY * np.array([v.get(f"sway{j}[{k}]", 0.0) for j in (1, 2)])
-            tilt = sway @ across[k] / 2
+            tilt = hand.GRAVITY * swayed(v, k)[2] @ across[k] / 2
             two_f, two_w = np.stack([f - tilt, f + tilt]), np.stack([w, w])
             y = sensors.accelerometers(v, two_f, place)
             y[1, 0] += v.get("step", 0.0) * (k == 0)
@@ -328,7 +338,8 @@ def multi_position() -> Case:
             felt = sensors.gyros(v, data[a:b, 3:], data[a:b, :3], place)
             turn = _product(_expm(felt * clock / hz))
             off = across[k + 1] @ (turn.T @ ups[k] - ups[k + 1])
-            off = off - across[k + 1] @ (exact[k].T @ (lean[k] @ across[k])) + lean[k + 1]
+            before, after = lean[k] + swayed(v, k)[1], lean[k + 1] - swayed(v, k + 1)[0]
+            off = off - across[k + 1] @ (exact[k].T @ (before @ across[k])) + after
             parts.append(off)
         return np.concatenate(parts)
 
@@ -342,7 +353,7 @@ def multi_position() -> Case:
         session = handheld.replace(
             _SESSION, gravity=hand.GRAVITY + v.get("g", 0.0), latitude=latitude
         )
-        made = handheld.record(_IDEAL, session, rng, ups=_ups())
+        made = handheld.record(_IDEAL, session, np.random.default_rng(_PATH), ups=_ups())
         f, w = made.data[0, :, :3], made.data[0, :, 3:]
         place = made.time / made.time[-1] - 0.5
         y = np.concatenate(
@@ -371,9 +382,9 @@ def multi_position() -> Case:
         "earth_n": Unknown(level),
     }
     unknowns |= {f"aim{j}[{k}]": Unknown(1e-3, "open") for k in range(POSITIONS) for j in (1, 2)}
-    # From the middle of one half to that of the other, rates weigh as a triangle: ∫w² dt = hold/3.
-    swayed = Unknown(WHITE_G * float(np.sqrt(hold / 3)))
-    unknowns |= {f"sway{j}[{k}]": swayed for k in range(POSITIONS) for j in (1, 2)}
+    unknowns |= {
+        f"sway{i}{j}[{k}]": Unknown(1.0) for k in range(POSITIONS) for j in (1, 2) for i in range(3)
+    }
     violations = (
         _GRAVITY,
         Violation(
