@@ -1,8 +1,9 @@
 """The rule of the verdict: how far a result can be relied on, for every method alike.
 
 The tests of an estimate are χ² of its residuals (or of each group of them; F where their noise was
-found from the recording), the method's further tests, and the score tests of what was left out. Their overall level is 1 %: .8 % for the scores and
-.2 % for the tests, or all of it for the tests where nothing is scored. The grade follows::
+found from the recording), the method's further tests, and the score tests of what was left out.
+Their overall level is 1 %: .8 % for the scores and .2 % for the tests, or all of it for the tests
+where nothing is scored. The grade follows::
 
     consistent                 no test rejects the model, and no check warns
     usable with reservations   a test rejects the model, or a check warns, or nothing was tested
