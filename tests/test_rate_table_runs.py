@@ -8,12 +8,12 @@ import pytest
 
 from inercal.budget.of_run import experiment_of
 from inercal.errors import InercalError, InputError, NotObserved
-from inercal.methods.affine import to_affine
 from inercal.pipeline import Outcome, calibrate
 from inercal.plan import Spin
 from inercal.report import write_report
 from inercal.runfile import read
 from inercal.sensors import G0
+from inercal.sensors.affine import to_affine
 
 ROOT = Path(__file__).parents[1]
 EXAMPLE = ROOT / "examples" / "rate_table"

@@ -9,9 +9,9 @@ import pytest
 from tests.accuracy import turntable as tt
 
 from inercal.benches.turntable.bench import Turntable
+from inercal.benches.turntable.reading.checks import Columns, require_sound
+from inercal.benches.turntable.reading.fits import Signed, signed
 from inercal.errors import InputError
-from inercal.pipeline.turntable.checks import Columns, require_sound
-from inercal.pipeline.turntable.fits import Signed, signed
 from inercal.recording import Track
 from inercal.sensors.catalogue import imu
 from inercal.units import Measured

@@ -9,9 +9,9 @@ import pytest
 from tests.accuracy import turntable as tt
 
 from inercal.benches.turntable.bench import Turntable
+from inercal.benches.turntable.reading.clock import aligned
+from inercal.benches.turntable.reading.slips import slipped, slips
 from inercal.errors import InputError
-from inercal.pipeline.turntable.clock import aligned
-from inercal.pipeline.turntable.slips import slipped, slips
 from inercal.recording import Track
 from inercal.sensors.catalogue import imu
 from inercal.units import Measured

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from inercal.benches import Turntable
+from inercal.benches.turntable.reading import gather
+from inercal.benches.turntable.reading.readback import with_angles
 from inercal.errors import InputError
 from inercal.io.write import write_recording
 from inercal.pipeline import calibrate, load_recording, named_as_in, simulate
-from inercal.pipeline.turntable import gather
-from inercal.pipeline.turntable.readback import with_angles
 from inercal.recording import Recording, Track
 from inercal.runfile import Run, read
 

@@ -3,6 +3,7 @@
 A step's label names the section of the recording that it leaves.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from math import acos, cos, degrees, isfinite, pi, sin, sqrt
 from typing import Literal
@@ -219,6 +220,11 @@ class Rotation:
 HandStep = Hold | Turn
 TableStep = Position | Rotation
 Step = HandStep | Spin | Index | TableStep
+
+
+def table_steps(steps: Iterable[Step]) -> list[TableStep]:
+    """Return the positions and rotations of a plan: on a turntable all of its steps."""
+    return [step for step in steps if isinstance(step, Position | Rotation)]
 
 
 def _refuse_angles(label: str, angles: tuple[float, ...]) -> None:

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from inercal.benches import MeanBench
-from inercal.benches.contract import Kind
+from inercal.benches.kind import Kind
 from inercal.benches.kinds import KINDS, kind_of
 from inercal.keys import ErrorName
 from inercal.methods import METHODS, Method

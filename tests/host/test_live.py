@@ -10,6 +10,7 @@ from tests.host.bench_log import LAYOUT, PATH, Bench, Faults, run_file
 
 import inercal
 from inercal.benches import Turntable
+from inercal.benches.turntable.reading import gather
 from inercal.errors import InputError
 from inercal.host import record
 from inercal.host.assembly import Assembly
@@ -19,7 +20,6 @@ from inercal.methods import METHODS
 from inercal.methods.turntable_kalman.follow import WAYS, accelerometers, apart, gyros
 from inercal.methods.turntable_kalman.innovations import Filtered
 from inercal.pipeline import calibrate
-from inercal.pipeline.turntable import gather
 from inercal.runfile import Run, read
 
 HARD = Faults(lost=0.01, repeated=0.01, changed=0.01, outages=((55.0, 400.0),))

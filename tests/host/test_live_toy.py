@@ -9,11 +9,11 @@ from tests import rest_biases
 from tests.host.benches import Ended, carried_out, made, plan
 
 from inercal.benches import Turntable
+from inercal.benches.turntable.reading import gather
 from inercal.host.finish import Finished, finish
 from inercal.host.journal import Journal
 from inercal.host.simulated import SimulatedBench
 from inercal.methods import METHODS, PartialEstimate
-from inercal.pipeline.turntable import gather
 from inercal.recording import Track
 from inercal.runfile import Run
 

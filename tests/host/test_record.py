@@ -11,6 +11,7 @@ from tests import rest_biases
 from tests.host.bench_log import LAYOUT, PATH, Bench, Faults, run_file
 
 from inercal.benches import Turntable
+from inercal.benches.turntable.reading import gather
 from inercal.errors import InputError
 from inercal.host.assembly import Assembly
 from inercal.host.log import Log, digest, frames
@@ -18,7 +19,6 @@ from inercal.host.packets import read_layout
 from inercal.host.record import require_recordable, write
 from inercal.methods import METHODS
 from inercal.pipeline import load_recording
-from inercal.pipeline.turntable import gather
 from inercal.runfile import Run
 
 WARM = {'label = "step"': 'label = "step"\ntemperature = "temp"'}

@@ -14,12 +14,12 @@ import pytest
 import scipy.io
 from tests.runfile.texts import changed
 
+from inercal.data.load import columns, options_of
 from inercal.errors import InputError
 from inercal.io.read import Columns, read_recording, read_table, reader_of
 from inercal.io.readers import READERS, Option, Reader
 from inercal.io.text import read_text
 from inercal.pipeline import calibrate
-from inercal.pipeline.inputs import columns, options_of
 from inercal.runfile import read
 
 ROOT = Path(__file__).parents[2]

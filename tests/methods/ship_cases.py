@@ -11,11 +11,11 @@ from tests.accuracy.rate_table import PLANAR, RADIUS, TILTED, Bench, Draw, draw,
 from inercal.benches.rate_table.bench import RateTable
 from inercal.benches.rate_table.fixture import Reading, multi_angle_plan, planar_plan
 from inercal.estimate import Estimate
-from inercal.methods.affine import to_affine
 from inercal.methods.ship_multi_angle import damped, joint, planar, planar_norm
 from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import G0, triad
+from inercal.sensors.affine import to_affine
 from inercal.units import Measured
 
 Array = NDArray[np.float64]

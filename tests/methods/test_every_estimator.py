@@ -21,10 +21,10 @@ from inercal.benches.turntable.simulation import travel
 from inercal.errors import InputError
 from inercal.estimate import Gaussian
 from inercal.methods import METHODS
-from inercal.methods.affine import to_affine
 from inercal.plan import Position, TableStep
 from inercal.recording import Observations, Track
 from inercal.sensors import Noise, Sensor, imu
+from inercal.sensors.affine import to_affine
 from inercal.units import Measured
 
 BENCH = Hand(Measured(9.81, 1e-4), np.pi / 2, tilt=1e-4, turn_angle=1e-4, turn_tilt=1e-4)

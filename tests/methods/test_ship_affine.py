@@ -7,9 +7,9 @@ import pytest
 from tests.methods.ship_cases import SENSOR, case
 
 from inercal.errors import InputError
-from inercal.methods.affine import IDEAL, NAMES, Affine, to_affine, to_coefficients
 from inercal.motion import Motion
 from inercal.sensors import G0, imu, triad
+from inercal.sensors.affine import IDEAL, NAMES, Affine, to_affine, to_coefficients
 from inercal.uncertainty import jacobian, propagate
 
 RNG = np.random.default_rng(1)

@@ -8,9 +8,9 @@ from tests.accuracy.rate_table import RADIUS
 from tests.methods.ship_cases import ESTIMATORS, SENSOR, case
 
 from inercal.estimate import Estimate
-from inercal.methods.affine import to_affine
 from inercal.methods.fresh import expected, note, poses
 from inercal.sensors import G0
+from inercal.sensors.affine import to_affine
 
 FASTEST = 86 * np.pi / 30
 

@@ -11,10 +11,10 @@ from tests.methods.ship_cases import EXACT, SENSOR, Case, case, observed
 from inercal.calibration import Calibration
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gaussian
-from inercal.methods.affine import Affine, to_affine
 from inercal.methods.ship_multi_angle import damped, gauge, global_
 from inercal.methods.ship_multi_angle.evolution import Bounds, Options
 from inercal.sensors import G0
+from inercal.sensors.affine import Affine, to_affine
 
 Array = NDArray[np.float64]
 FRAMED = replace(SENSOR, frame="symmetric")

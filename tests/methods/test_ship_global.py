@@ -12,11 +12,11 @@ from tests.seeds import SEEDS
 
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gaussian
-from inercal.methods.affine import Affine
 from inercal.methods.ship_multi_angle import global_
 from inercal.methods.ship_multi_angle.evolution import GOAL, Bounds, Generation, Options, search
 from inercal.methods.ship_multi_angle.norms import damped
 from inercal.methods.ship_planar import level
+from inercal.sensors.affine import Affine
 
 SQUARE = np.array([centripetal(state[3]) ** 2 + 1 for state in TILTED])
 

@@ -32,12 +32,12 @@ from inercal.benches.rate_table.bench import felt
 from inercal.benches.rate_table.fixture import Reading, multi_angle_plan, planar_plan, tilted
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gaussian
-from inercal.methods.affine import IDEAL, Affine, to_affine
 from inercal.methods.ship_multi_angle import METHOD, damped, joint, plan, planar
 from inercal.methods.ship_multi_angle import norms as by_norms
 from inercal.methods.ship_multi_angle.freedom import free, seen
 from inercal.methods.ship_planar import level
 from inercal.sensors import G0
+from inercal.sensors.affine import IDEAL, Affine, to_affine
 
 Array = NDArray[np.float64]
 READINGS: tuple[Reading, ...] = ("azimuth", "dihedral", "successive")

@@ -21,8 +21,8 @@ from tests.methods.ship_cases import (
 from inercal.benches.rate_table.fixture import planar_plan
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gaussian
-from inercal.methods.affine import to_affine
 from inercal.methods.ship_planar import METHOD, planar
+from inercal.sensors.affine import to_affine
 
 NINE = planar_plan()
 

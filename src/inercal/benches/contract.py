@@ -4,10 +4,9 @@ A bench is a frozen dataclass of what is stated of it, in SI. Methods, budgets, 
 know no more of it than stands here.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import Field, dataclass, field
-from pathlib import Path
-from typing import Any, ClassVar, Generic, Protocol, TypeVar, runtime_checkable
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +14,6 @@ from numpy.typing import NDArray
 from inercal.motion import Motion
 from inercal.parameters import Parameter
 from inercal.sensors import Sensor
-from inercal.settings import BenchSection
 from inercal.units import Measured
 
 Array = NDArray[np.float64]
@@ -67,9 +65,6 @@ class MeanMotion:
     motion: Motion
     df: Mapping[str, Array] = field(default_factory=dict[str, Array])
     dw: Mapping[str, Array] = field(default_factory=dict[str, Array])
-
-
-B = TypeVar("B", bound=Bench)
 
 
 @runtime_checkable
@@ -148,94 +143,6 @@ class Simulated:
     done: SimulatedMotion
     sensor: Sensor
     drift: Array | None = None
-
-
-@dataclass(frozen=True)
-class Effect:
-    """A known effect that a bench corrects for.
-
-    Parameters
-    ----------
-    name : str
-    field : str
-        Of the bench, that holds its value.
-    absent : Measured or float
-        The field's value without the effect.
-    unit, per : str and float
-        The value as printed: unit, and how many of it one SI unit is.
-    on_rates : bool
-        Whether gyros alone feel it.
-    """
-
-    name: str
-    field: str
-    absent: Measured | float
-    unit: str
-    per: float
-    on_rates: bool = False
-
-
-@dataclass(frozen=True)
-class Vocabulary:
-    """What reports and messages call things on a kind of bench.
-
-    Parameters
-    ----------
-    row : str
-        One row of the observations, "state or mounting".
-    turner : str
-        What turns the sensor, "table".
-    rows : str
-        The rows at rates, "states".
-    """
-
-    row: str = "position or turn"
-    turner: str = "arm"
-    rows: str = "rows"
-
-
-def _possible(bench: Bench, steps: Sequence[Any]) -> str:
-    return ""
-
-
-@dataclass(frozen=True)
-class Kind(Generic[B]):
-    """A kind of bench: all that the rest of the package knows of it.
-
-    Parameters
-    ----------
-    name : str
-        [bench] kind.
-    bench : type
-        A dataclass, `Bench`.
-    section : type
-        [bench] of a run file, a `BenchSection` with the key `kind`.
-    build : callable
-        From the section, and the folder in which files lie that it names, to the bench.
-    steps : tuple of type
-        The kinds of steps that it carries out.
-    simulate : callable
-        From bench, steps, samples per second, generator, number of trials, sensor, and whether the
-        sensor stays in the hand between steps.
-    seconds : callable
-        How long steps last at most, s.
-    words : Vocabulary
-    effects : tuple of Effect
-        That a budget lists.
-    refuses_budget : callable
-        Returns why a budget of a plan is not possible; "" where it is.
-    """
-
-    name: str
-    bench: type[B]
-    section: type[BenchSection]
-    build: Callable[[Any, Path], B]
-    steps: tuple[type, ...]
-    simulate: Callable[[B, Sequence[Any], float, np.random.Generator, int, Sensor, bool], Simulated]
-    seconds: Callable[[B, Sequence[Any]], float]
-    words: Vocabulary = Vocabulary()
-    effects: tuple[Effect, ...] = ()
-    refuses_budget: Callable[[B, Sequence[Any]], str] = _possible
 
 
 def stacked(rows: Sequence[Mapping[str, Array]], shape: tuple[int, ...]) -> dict[str, Array]:

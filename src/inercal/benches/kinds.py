@@ -2,11 +2,12 @@
 
 from typing import Any
 
-from inercal.benches.contract import Bench, Kind
+from inercal.benches.contract import Bench
+from inercal.benches.kind import Kind
 from inercal.errors import InputError
 from inercal.registry import Registry
 
-KINDS: Registry[Kind[Any]] = Registry(
+KINDS: Registry[Kind[Any, Any]] = Registry(
     "inercal.benches",
     "kind of bench",
     {
@@ -16,12 +17,26 @@ KINDS: Registry[Kind[Any]] = Registry(
 )
 
 
+def of_bench(bench: type[Any]) -> Kind[Any, Any]:
+    """Return the kind that has this class of bench.
+
+    Raises
+    ------
+    InputError
+        None has it.
+    """
+    for kind in KINDS.values():
+        if issubclass(bench, kind.bench):
+            return kind
+    raise InputError(f"{bench.__name__} is no kind of bench; there are {', '.join(KINDS)}")
+
+
 def named(bench: type[Any]) -> str:
     """Return the name of the kind that has this class of bench; the class's own if none has."""
     return next((name for name, kind in KINDS.items() if kind.bench is bench), bench.__name__)
 
 
-def kind_of(bench: Bench) -> Kind[Any]:
+def kind_of(bench: Bench) -> Kind[Any, Any]:
     """Return the kind of a bench that was made without a run file.
 
     Raises
@@ -29,7 +44,4 @@ def kind_of(bench: Bench) -> Kind[Any]:
     InputError
         No kind has its class.
     """
-    for kind in KINDS.values():
-        if isinstance(bench, kind.bench):
-            return kind
-    raise InputError(f"{type(bench).__name__} is no kind of bench; there are {', '.join(KINDS)}")
+    return of_bench(type(bench))

@@ -5,12 +5,11 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches import Centrifuge
 from inercal.budget.experiment import Experiment
 from inercal.budget.possible import require_possible
+from inercal.data.load import stated_sd
 from inercal.errors import InputError
 from inercal.methods.temperature import require_planless
-from inercal.pipeline.inputs import stated_sd
 from inercal.runfile import Run
 from inercal.sensors import Axis
 
@@ -34,7 +33,7 @@ def experiment_of(run: Run) -> Experiment:
             f"{run.path}: a budget needs a plan with attitudes; method {run.method.name} finds "
             "them in the recording, and inercal plan rehearses it"
         )
-    if isinstance(run.bench, Centrifuge) and run.data.kind == "means" and not run.planned:
+    if run.kind.rows_of_table and run.data.kind == "means" and not run.planned:
         raise InputError(
             f"{run.path}: a budget is of a plan, not of a table: state [method] attitudes, rates "
             "or turns"

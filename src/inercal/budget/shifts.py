@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches import MeanBench
-from inercal.benches.contract import Effect
+from inercal.benches.kind import Effect
 from inercal.benches.kinds import kind_of
 from inercal.budget.experiment import Experiment
 from inercal.units import Measured

@@ -204,8 +204,7 @@ def assess(estimate: Estimate, count: int, possible: Collection[str] = ()) -> As
     scored = estimate.scored
     share = 1 - SHARE if any(one.dof for one in scored.scores) else 1.0
     tests = tuple(
-        Assessed(name, chi2, dof, p, min(1.0, len(real) * p / share))
-        for name, chi2, dof, p in real
+        Assessed(name, chi2, dof, p, min(1.0, len(real) * p / share)) for name, chi2, dof, p in real
     )
     significant = [s for s in scored.scores if among_all(scored, s) < LEVEL]
     return Assessment(

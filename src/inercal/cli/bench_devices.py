@@ -66,7 +66,7 @@ def devices(
 
 
 def _bench(run_file: Path | None) -> "Turntable | None":
-    from inercal.host.record import turntable_of
+    from inercal.benches.turntable import turntable_of
     from inercal.runfile import read
 
     return None if run_file is None else turntable_of(read(run_file))

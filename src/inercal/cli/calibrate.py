@@ -6,6 +6,9 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from inercal.runfile import Run
     from inercal.store import Register
 
 NAME = "calibrate"
@@ -34,8 +37,8 @@ def run(
     from inercal.cli.show import as_json, as_table, drawn_if_refused, leave, told, working
     from inercal.errors import InputError
     from inercal.io.atomic import written_together
+    from inercal.io.means import write_means
     from inercal.pipeline import calibrate
-    from inercal.pipeline.states import has_states, write_states
     from inercal.runfile import read
 
     if not out.is_dir():
@@ -48,16 +51,18 @@ def run(
         with drawn_if_refused(plan, out / f"{run_file.stem}.refused.html" if with_report else None):
             outcome = calibrate(plan, lambda generation: say(f"{doing}: {told(generation)}"))
         names = {"calibration_file": "calibration.json", "report": "report.html"}
-        names |= {"states": "states.csv"} if has_states(plan, outcome) else {}
+        tables = plan.kind.tables(plan, outcome)
+        names |= {what: f"{what}.csv" for what in tables}
         if not with_report:
             del names["report"]
         files = {kind: out / f"{run_file.stem}.{name}" for kind, name in names.items()}
         results = [kind for kind in files if kind != "report"]
+        _require_apart(plan, [files[what] for what in tables])
         with written_together([files[kind] for kind in results]) as parts:
             part = dict(zip(results, parts, strict=True))
             save(outcome.calibration, part["calibration_file"])
-            if "states" in part:
-                write_states(plan, outcome, part["states"])
+            for what, columns in tables.items():
+                write_means(part[what], columns)
         history = None
         if kept is not None:
             kept.enter_calibration(outcome.calibration)
@@ -74,6 +79,18 @@ def run(
         for path in files.values():
             print(f"wrote {path}")
     leave(outcome, strict=strict)
+
+
+def _require_apart(plan: "Run", tables: "Sequence[Path]") -> None:
+    """Refuse to write a table over the recording that it is made of."""
+    from inercal.errors import InputError
+
+    for path in tables:
+        if path.resolve() == plan.file(plan.data.file).resolve():
+            raise InputError(
+                f"{path} is the recording, and a table of it would be written over it: rename one "
+                "of recording and run file"
+            )
 
 
 def _opened(address: str) -> "Register":

@@ -33,24 +33,20 @@ def run(
     json: bool = typer.Option(False, "--json", help="Print one JSON object."),
 ) -> None:
     """Print what to do, position by position, with the uncertainties to expect of it."""
-    from inercal.benches import DividingHead, RateTable, Turntable
-    from inercal.cli.plan_head import plan_head
-    from inercal.cli.plan_table import plan_table
-    from inercal.cli.plan_turntable import plan_turntable
+    from inercal.benches.kinds import of_bench
+    from inercal.cli.plan_turntable import plan_path
+    from inercal.cli.plan_worksheet import plan_worksheet
     from inercal.errors import InputError
     from inercal.methods import method as named
 
     name = method.replace("-", "_")
     chosen = named(name)
-    on_bench = {
-        DividingHead: plan_head,
-        RateTable: plan_table,
-        Turntable: plan_turntable,
-    }.get(chosen.bench)
-    if on_bench is not None:
+    kind = of_bench(chosen.bench)
+    show = plan_path if kind.sampled else plan_worksheet if kind.sheet else None
+    if show is not None:
         if run_file is None:
             raise InputError(f"a plan of {name} needs the run file: --run")
-        on_bench(run_file, _keys(name, positions, seconds), out, force=force, json=json)
+        show(run_file, _keys(name, positions, seconds), out, force=force, json=json)
         return
     if not chosen.free:
         raise InputError(

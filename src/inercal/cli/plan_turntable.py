@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from inercal.design.on_turntable import PathSheet
 
 
-def plan_turntable(
+def plan_path(
     run_file: Path, keys: Mapping[str, object], out: Path | None, *, force: bool, json: bool
 ) -> None:
     """Print the path of a run on a turntable, its duration, and what it will give.
@@ -54,10 +54,9 @@ def _as_object(sheet: "PathSheet") -> dict[str, Any]:
 
 def _advice(sheet: "PathSheet") -> str:
     """Say what tells the coefficients that a path leaves open."""
-    from inercal.benches import Turntable
+    from inercal.benches.turntable import turntable_of
 
-    bench = sheet.run.bench
-    assert isinstance(bench, Turntable)
+    bench = turntable_of(sheet.run)
     if len(bench.axes) < len("xyz"):
         return (
             f"A table of axes {bench.axes} does not tell all: name those to find in "

@@ -27,7 +27,7 @@ def run(
     from inercal.runfile import read
 
     plan = read(run_file)
-    names = [plan.data.file, *filter(None, [plan.data.table_file])]
+    names = [plan.data.file, *plan.data.others().values()]
     paths = [plan.file(name) for name in names]
     if out is not None:
         paths = [out, *(out.parent / path.name for path in paths[1:])]

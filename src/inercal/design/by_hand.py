@@ -7,12 +7,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches import Hand
-from inercal.benches.hand.simulation import perform
 from inercal.errors import InputError
 from inercal.methods.temperature import require_planless
 from inercal.pipeline import read_out
-from inercal.pipeline.by_hand import nominal
 from inercal.plan import Hold, Step
 from inercal.recording import Mark, Recording
 from inercal.runfile import Run
@@ -65,7 +62,7 @@ def rehearse(run: Run, sessions: int = SESSIONS) -> Expected:
     InputError
         No noise of the sensor, no rate, or a method whose sections need marks.
     """
-    if not run.method.free or not isinstance(run.bench, Hand):
+    if not run.method.free:
         raise InputError(f"plans of method {run.method.name} are fixed; multi_position's are made")
     require_planless(run.sensor)
     if run.rate_hz is None:
@@ -78,7 +75,7 @@ def rehearse(run: Run, sessions: int = SESSIONS) -> Expected:
     p, length = len(run.sensor.coefficients), 0.0
     estimator = run.method.estimator(run.estimator)
     for seed in range(sessions):
-        recording = _simulated(run, run.bench, run.rate_hz, np.random.default_rng(seed))
+        recording = _simulated(run, run.rate_hz, np.random.default_rng(seed))
         length = recording.duration
         holds = tuple(step for step in run.steps if isinstance(step, Hold))
         marks = _marks(recording)
@@ -90,8 +87,9 @@ def rehearse(run: Run, sessions: int = SESSIONS) -> Expected:
     return Expected(run.steps, run.sensor, np.median(found, axis=0), length)
 
 
-def _simulated(run: Run, bench: Hand, rate_hz: float, rng: np.random.Generator) -> Recording:
-    done = perform(bench, nominal(run), rate_hz, rng, carried=True)
+def _simulated(run: Run, rate_hz: float, rng: np.random.Generator) -> Recording:
+    steps = [step for step in run.steps if isinstance(step, run.kind.steps)]
+    done = run.kind.simulate(run.bench, steps, rate_hz, rng, 1, run.sensor, True).done
     c = np.zeros(len(run.sensor.coefficients))
     data = read_out(run.sensor, done.motion, c, rate_hz, rng)[0]
     units = tuple(axis.readout.unit for axis in run.sensor.axes)

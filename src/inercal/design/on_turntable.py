@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from inercal.benches import Turntable
+from inercal.benches.turntable import Turntable, turntable_of
 from inercal.benches.turntable.attitude import motion
 from inercal.benches.turntable.simulation import Travel, travel
 from inercal.design.known import Known
@@ -85,9 +85,7 @@ def worksheet(run: Run) -> PathSheet:
     NotObserved
         Directions that the path leaves open; of the filters they are told in the sheet.
     """
-    bench = run.bench
-    if not isinstance(bench, Turntable):
-        raise InputError(f"{run.path}: this plan is of a turntable")
+    bench = turntable_of(run)
     steps = run.table_steps
     try:
         require_planless(run.sensor)

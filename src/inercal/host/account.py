@@ -13,7 +13,7 @@ from typing import Literal, Self
 
 import numpy as np
 
-from inercal.benches import Turntable
+from inercal.benches.turntable import turntable_of
 from inercal.errors import InercalError
 from inercal.host.assembly import Assembly, Block
 from inercal.host.folder import Folder
@@ -65,8 +65,7 @@ class Account:
     """
 
     def __init__(self, folder: Folder, journal: Journal, layout: Layout):
-        run, bench = folder.run, folder.run.bench
-        assert isinstance(bench, Turntable)
+        run, bench = folder.run, turntable_of(folder.run)
         self.assembly = Assembly.of(run, layout, journal.header().poll)
         # Packets hold no temperature of each sample: coefficients of it are found afterwards.
         self._estimates = run.method.sequential is not None and not run.sensor.uses("dT")

@@ -20,8 +20,9 @@ from typing import Literal
 import numpy as np
 from numba.core import event
 
-from inercal.benches import Turntable
+from inercal.benches.turntable import Turntable, turntable_of
 from inercal.benches.turntable.attitude import motion
+from inercal.benches.turntable.reading.run import settling
 from inercal.errors import InercalError
 from inercal.estimate import Gaussian
 from inercal.host.assembly import Assembly
@@ -32,7 +33,6 @@ from inercal.host.navigation import Navigator
 from inercal.host.packets import Layout, encode
 from inercal.host.packets.picture import AXES
 from inercal.host.states import pack
-from inercal.pipeline.turntable.run import settling
 from inercal.recording import Track
 from inercal.runfile import Run, read
 from inercal.sensors import G0, Sensor
@@ -65,8 +65,8 @@ def compiled(run: Run, layout: Layout | None = None) -> None:
     # Packets hold no temperature of each sample: coefficients of it are found afterwards.
     if run.method.sequential is not None and not run.sensor.uses("dT"):
         _sequential(run)
-    tracks = [_rest(run.sensor, _table(run))] if layout is None else _assembled(run, layout)
-    table = _table(run)
+    tracks = [_rest(run.sensor, turntable_of(run))] if layout is None else _assembled(run, layout)
+    table = turntable_of(run)
     checks = Interlocks((AxisLimits(),) * len(table.names), table, run.sensor)
     for track in tracks:
         checks.against_gyros(track)
@@ -120,7 +120,7 @@ def _follow_part(run: Run, kind: Literal["f", "w"]) -> None:
 def _follow(run: Run, sensor: Sensor, priors: Sequence[Gaussian]) -> None:
     """Follow a table that rests, in two pieces: an estimator begins with the first."""
     assert run.method.sequential is not None
-    table = _table(run)
+    table = turntable_of(run)
     track = _rest(sensor, table)
     n = track.time.size
     made = run.method.sequential(run.estimator, sensor, table, run.steps, priors, _RATE)
@@ -131,7 +131,7 @@ def _follow(run: Run, sensor: Sensor, priors: Sequence[Gaussian]) -> None:
 
 def _assembled(run: Run, layout: Layout) -> list[Track]:
     """Return what is assembled of a rest, in two pieces."""
-    lasting = _TIED + _REST + 3 * settling(_table(run)) + _AFTER
+    lasting = _TIED + _REST + 3 * settling(turntable_of(run)) + _AFTER
     made, frames = Assembly.of(run, layout, _POLL), _frames(run, layout, lasting)
     tracks: list[Track] = []
     for early in (True, False):
@@ -146,7 +146,7 @@ def _assembled(run: Run, layout: Layout) -> list[Track]:
 def _frames(run: Run, layout: Layout, lasting: float) -> list[Frame]:
     """Return what the log has of a rest: polls and packets, and in between the first section."""
     assert run.rate_hz is not None
-    k = len(_table(run).names)
+    k = len(turntable_of(run).names)
     rests = AxisState(0.0, 0.0, 0.0, in_position=True, moving=False, enabled=True, homed=True)
     section = {"what": "section", "number": 0, "label": "", "state": "begun", "time": _TIED}
     frames = [
@@ -173,19 +173,14 @@ def _event(time: float, told: dict[str, object]) -> Frame:
 
 def _readings(run: Run) -> "np.ndarray[tuple[int], np.dtype[np.float64]]":
     """Return what packets hold of a rest, (6,), in the order of `AXES`."""
-    sensor, zero = run.sensor, np.zeros((1, len(_table(run).names)))
-    felt = motion(_table(run), zero, zero, zero, {})
+    sensor, zero = run.sensor, np.zeros((1, len(turntable_of(run).names)))
+    felt = motion(turntable_of(run), zero, zero, zero, {})
     found = sensor.forward(felt, np.zeros(len(sensor.coefficients)))[0]
     readings = np.zeros(len(AXES))
     places = {"f": iter(range(3)), "w": iter(range(3, 6))}
     for axis, value in zip(sensor.axes, found, strict=True):
         readings[next(places[axis.measures])] = value
     return readings
-
-
-def _table(run: Run) -> Turntable:
-    assert isinstance(run.bench, Turntable)
-    return run.bench
 
 
 def _rest(sensor: Sensor, table: Turntable) -> Track:

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from inercal.benches.turntable.attitude import motion
 from inercal.benches.turntable.bench import Turntable
+from inercal.benches.turntable.reading.rates import half_window, of_gyros, of_table
 from inercal.errors import InputError
 from inercal.host.drivers.table import AxisLimits, TableState
-from inercal.pipeline.turntable.rates import half_window, of_gyros, of_table
 from inercal.recording import Track
 from inercal.sensors import Sensor
 from inercal.units import ZERO_CELSIUS

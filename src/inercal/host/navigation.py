@@ -15,9 +15,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from inercal.benches.turntable.attitude import reference
+from inercal.benches.turntable.attitude import earth, reference
 from inercal.benches.turntable.bench import Turntable
-from inercal.methods.turntable.model import ARCSEC, GAP, earth
+from inercal.benches.turntable.epochs import GAP
+from inercal.methods.turntable.model import ARCSEC
 from inercal.methods.turntable.strapdown import apart, copy, rotate
 from inercal.recording import Track
 from inercal.sensors import Sensor

@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.turntable.bench import Turntable
+from inercal.benches.turntable import data_of, turntable_of
+from inercal.data.load import readback_columns
 from inercal.errors import InputError
 from inercal.host.assembly import Assembly, Block
 from inercal.host.log import TABLE, digest, frames
 from inercal.host.packets import Layout
 from inercal.host.states import polls
 from inercal.io.atomic import atomic_write
-from inercal.pipeline.inputs import readback_columns
 from inercal.runfile import Run
 from inercal.units import to_si
 
@@ -30,19 +30,6 @@ _FRAMES = 4096  # worked through at once
 _SUFFIXES = (".h5", ".hdf5")
 _NEEDED = {"time": '"time"', "rate": '"200 Hz"', "label": '"step"', "hold": '"hold"'}
 GROUP = "bench"
-
-
-def turntable_of(run: Run) -> Turntable:
-    """Return the turntable of a run file.
-
-    Raises
-    ------
-    InputError
-        Its bench is another.
-    """
-    if not isinstance(run.bench, Turntable):
-        raise InputError(f'{run.path}: [bench] kind: a run on the bench takes "turntable"')
-    return run.bench
 
 
 def require_recordable(run: Run, layout: Layout | None = None) -> None:
@@ -59,8 +46,7 @@ def require_recordable(run: Run, layout: Layout | None = None) -> None:
     InputError
         Naming the key and what is possible.
     """
-    data, where = run.data, f"{run.path}: [data]"
-    turntable_of(run)
+    data, where = data_of(run), f"{run.path}: [data]"
     if Path(data.file).suffix.lower() not in _SUFFIXES:
         raise InputError(
             f"{where} file: {data.file!r}: a run on the bench is written to {_SUFFIXES[0]}"
@@ -174,8 +160,7 @@ def write(
 
 def _columns(run: Run, assembly: Assembly, blocks: list[Block]) -> dict[str, NDArray[Any]]:
     """Return the columns by their names in [data]."""
-    data, bench = run.data, run.bench
-    assert isinstance(bench, Turntable)
+    data, bench = data_of(run), turntable_of(run)
     output = np.concatenate([one.output for one in blocks])
     said = np.concatenate([one.said for one in blocks])
     table = np.concatenate([one.table for one in blocks])

@@ -20,6 +20,7 @@ from math import degrees
 from time import monotonic
 from typing import Literal, Self
 
+from inercal.benches.turntable import turntable_of
 from inercal.errors import InercalError, InputError
 from inercal.host.account import Account
 from inercal.host.addresses import Addresses, layout_of_address, open_imu, open_table
@@ -36,7 +37,6 @@ from inercal.host.link import LinkLost
 from inercal.host.listening import Listening
 from inercal.host.log import IMU, TABLE
 from inercal.host.options import ORDINARY, Options
-from inercal.host.record import turntable_of
 from inercal.host.sequencer import Command, Sequencer
 from inercal.host.states import pack
 from inercal.host.tasks import tasks

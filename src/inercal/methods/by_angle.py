@@ -143,56 +143,6 @@ def _felt(bench: DividingHead, steps: Sequence[Index], q: Mapping[str, Array]) -
     return vectors.Felt(Motion(made.f), made.by)
 
 
-def by_bench(
-    sensor: Sensor,
-    bench: DividingHead,
-    steps: Sequence[Index],
-    c: Array | None = None,
-    *,
-    gravity: bool = True,
-) -> Array:
-    """Return the covariance that the bench's angles, and its gravity, give to all readings.
-
-    (m r, m r) in (m/s²)², row after row as `Observations.full_covariance`.
-
-    Parameters
-    ----------
-    sensor : Sensor
-    bench : DividingHead
-    steps : sequence of r Index
-    c : (p,) array, optional
-        Coefficients of the sensor; None is the nominal one.
-    gravity : bool
-        Whether gravity's uncertainty counts.
-    """
-    declared = bench.acting(steps)
-    columns = [
-        declared[name].sd * column
-        for name, column in readings_by_bench(sensor, bench, steps, c).items()
-        if gravity or name != "g"
-    ]
-    size = len(sensor.channels) * len(steps)
-    return sum((np.outer(column, column) for column in columns), np.zeros((size, size)))
-
-
-def readings_by_bench(
-    sensor: Sensor, bench: DividingHead, steps: Sequence[Index], c: Array | None = None
-) -> dict[str, Array]:
-    """Return ∂(readings)/∂(parameter) of what is not exact, (m r,); arguments as of `by_bench`.
-
-    An estimator that moves by `gain` with the readings, and finds what is there of a bench as it is
-    stated, moves by −gain times this with what is stated.
-    """
-    made = felt(bench, steps, {})
-    c = np.zeros(len(sensor.coefficients)) if c is None else c
-    slope = sensor.slope(Motion(made.f), c)[..., :3]
-    return {
-        name: (slope @ made.by[name][..., None]).ravel()
-        for name, q in bench.acting(steps).items()
-        if q.sd > 0
-    }
-
-
 def as_stated(
     observations: Observations, sensor: Sensor, bench: DividingHead, steps: Sequence[Index]
 ) -> Observations:

@@ -31,12 +31,12 @@ from inercal.estimate import Candidate, Gaussian, Problem, Scored, scored
 from inercal.estimate.once import Once
 from inercal.estimate.scores import UNSCORED
 from inercal.methods import vectors
-from inercal.methods.affine import Affine, to_coefficients
 from inercal.methods.observed import OBSERVED
 from inercal.motion import Motion
 from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import G0, Sensor
+from inercal.sensors.affine import Affine, to_coefficients
 
 Array = NDArray[np.float64]
 _STEPS = 3  # of Gauss and Newton: norms are nearly linear in θ

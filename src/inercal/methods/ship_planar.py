@@ -25,12 +25,12 @@ from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate, Gaussian, NullDirection
 from inercal.methods import fresh, vectors
 from inercal.methods._base import Method
-from inercal.methods.affine import Affine, require_twelve, to_coefficients
 from inercal.methods.observed import require_observed
 from inercal.methods.ship_consistency import Consistency, by_stated, consistency, of_rows
 from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import G0, Sensor
+from inercal.sensors.affine import Affine, require_twelve, to_coefficients
 
 Array = NDArray[np.float64]
 _ROUNDING = 1e-13

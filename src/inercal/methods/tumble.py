@@ -50,6 +50,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches.dividing_head.bench import DividingHead, felt
+from inercal.benches.dividing_head.covariance import by_bench, readings_by_bench
 from inercal.benches.dividing_head.passes import even as even_angles
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate, Gaussian
@@ -179,11 +180,11 @@ def fourier(
             value = formulas(x)
     spread = np.zeros((len(x), len(x)))
     noise = by_angle.drifting(observations, bench, steps).full_covariance
-    spread[:-1, :-1] = noise + by_angle.by_bench(sensor, bench, steps, value, gravity=False)
+    spread[:-1, :-1] = noise + by_bench(sensor, bench, steps, value, gravity=False)
     spread[-1, -1] = bench.gravity.sd**2
     value, gain = linearised(formulas, x, spread)
     covariance = gain @ spread @ gain.T
-    columns = by_angle.readings_by_bench(sensor, bench, steps, value)
+    columns = readings_by_bench(sensor, bench, steps, value)
     moved = {name: -gain[:, :-1] @ column for name, column in columns.items()}
     variance = np.linalg.eigvalsh(covariance / np.outer(sensor.natural, sensor.natural))
     singular = 1 / np.sqrt(variance)

@@ -11,7 +11,6 @@ from hashlib import sha256
 from importlib.metadata import version
 from math import inf
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +19,8 @@ from inercal.benches import Bench
 from inercal.calibration import Calibration, Frame
 from inercal.calibration.grade import Verdict
 from inercal.calibration.verdict import verdict
+from inercal.data import Gathered, load
+from inercal.data.load import columns, gyro_file, readback_columns
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate
 from inercal.io.table import sha256_of
@@ -28,14 +29,7 @@ from inercal.methods.ship_multi_angle.evolution import Generation, History
 from inercal.methods.temperature import coefficients
 from inercal.motion import Motion
 from inercal.parameters import Parameter
-from inercal.pipeline import assumed, by_hand, on_arm, on_head, on_table, turntable
-from inercal.pipeline.inputs import (
-    Gathered,
-    columns,
-    gyro_file,
-    load_recording,
-    readback_columns,
-)
+from inercal.pipeline import assumed
 from inercal.pipeline.ranges import validity
 from inercal.pipeline.shared import shared_errors
 from inercal.pipeline.simulation import named_as_in, read_out, simulate, simulate_files
@@ -89,9 +83,13 @@ class Outcome:
     rests: FoundRests | None = None
     search: History | None = None
 
-    @cached_property
+    @property
     def expected(self) -> Mapping[str, Parameter]:
         """The bench's parameters that act on these steps, by full name, as they were stated."""
+        return self._expected
+
+    @cached_property
+    def _expected(self) -> Mapping[str, Parameter]:
         return self.bench.nuisances(self.steps, self.calibration.sensor)
 
     def felt(self, w: Array | None = None) -> Motion:
@@ -125,7 +123,7 @@ def calibrate(
         The run file, the recording or the marks cannot be used, or coefficients are not observed.
     """
     run = run if isinstance(run, Run) else read(run)
-    sensor, gathered = run.sensor, _GATHER[run.kind.name](run, run.bench)
+    sensor, gathered = run.sensor, run.kind.observe(run)
     bench = gathered.bench or run.bench
     expected = bench.nuisances(gathered.steps, sensor)
     observations, findings = gathered.observations, (*run.findings, *gathered.findings)
@@ -262,18 +260,20 @@ def _search(run: Run) -> dict[str, str]:
     }
 
 
-_GATHER: Mapping[str, Callable[[Run, Any], Gathered]] = {
-    "hand": by_hand.gather,
-    "centrifuge": on_arm.gather,
-    "dividing_head": on_head.gather,
-    "rate_table": on_table.gather,
-    "turntable": turntable.gather,
-}
-
-
 def _frame(run: Run) -> Frame:
     """Return what the misalignments refer to."""
     return "symmetric" if run.sensor.frame == "symmetric" else run.method.frame(run.bench)
+
+
+def load_recording(run: Run) -> Recording:
+    """Read and audit the run's recording.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, or the audit refuses it.
+    """
+    return run.kind.audit(load.load_recording(run), run.sensor, run.bench)
 
 
 def apply(calibration: Calibration, run: Run | str | Path) -> Recording:
@@ -359,9 +359,9 @@ def _provenance(run: Run, recording: Recording | None) -> dict[str, str]:
     if (gyros := gyro_file(run)) is not None:
         second["gyro recording"] = str(run.data.gyro_file)
         second["gyro recording sha256"] = sha256_of(gyros)
-    if run.data.table_file is not None:
-        second["readback"] = run.data.table_file
-        second["readback sha256"] = sha256_of(run.file(run.data.table_file))
+    for what, name in run.data.others().items():
+        second[what] = name
+        second[f"{what} sha256"] = sha256_of(run.file(name))
     return {
         "recording": run.data.file,
         "recording sha256": _digest(run, recording),

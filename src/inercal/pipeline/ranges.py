@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from inercal.calibration import Validity
 from inercal.calibration.validity import Range
-from inercal.pipeline.inputs import Gathered
+from inercal.data import Gathered
 from inercal.sensors import Sensor
 
 Array = NDArray[np.float64]

@@ -1,33 +1,26 @@
 """The run's plan carried out in simulation, and written as the run file reads it."""
 
 from dataclasses import replace
-from math import ceil, floor
 from pathlib import Path
 
 import numpy as np
 
-from inercal.benches import Turntable
 from inercal.benches.contract import SimulatedMotion
-from inercal.benches.turntable.simulation import read_at, travel
-from inercal.errors import InputError
-from inercal.motion import Motion
-from inercal.pipeline.inputs import (
-    HOLD,
+from inercal.data.load import (
     columns,
     limits,
     readback_columns,
     readback_units,
     turned_round,
 )
-from inercal.pipeline.turntable.run import settling
-from inercal.plan import Position
+from inercal.errors import InputError
+from inercal.motion import Motion
 from inercal.recording import Recording
 from inercal.runfile import Run, read
 from inercal.sensors import Axis, Sensor
 from inercal.units import factor
 
 _ROUNDING = 1e-9
-_BESIDE = 0.5  # s
 _MOST_SAMPLES = 1e8  # of a simulation, all trials together: 5 GB for an IMU
 
 
@@ -52,9 +45,7 @@ def simulate(run: Run | str | Path, seed: int = 0, trials: int | None = None) ->
 
 
 def simulate_files(run: Run | str | Path, seed: int = 0) -> dict[str, Recording]:
-    """Simulate what the run file names: its recording, and the table's file if it has its own.
-
-    The table's clock is ahead by the bench's latency, and gains as its clock does.
+    """Simulate what the run file names: its recording, and what the bench writes beside it.
 
     Parameters
     ----------
@@ -73,13 +64,16 @@ def simulate_files(run: Run | str | Path, seed: int = 0) -> dict[str, Recording]
         As `simulate`.
     """
     run = run if isinstance(run, Run) else read(run)
-    if run.data.table_file == run.data.file:
-        raise InputError(f"{run.path}: [data] table_file: a simulation writes a file of its own")
+    if run.data.file in run.data.others().values():
+        raise InputError(
+            f"{run.path}: [data] names {run.data.file} twice: a simulation writes files of their "
+            "own"
+        )
     rng = np.random.default_rng(seed)
     recording, done = _simulated(run, rng, seed)
     files = {run.data.file: named_as_in(run, recording)}
-    if run.data.table_file is not None:
-        files[run.data.table_file] = _table_file(run, done, rng, recording.source)
+    for name, further in run.kind.files(run, done, rng).items():
+        files[name] = replace(further, source=recording.source)
     return files
 
 
@@ -99,12 +93,12 @@ def _simulated(
     steps = [step for step in run.steps if isinstance(step, run.kind.steps)]
     made = run.kind.simulate(bench, steps, rate, rng, several, sensor, run.method.free)
     done, drift = made.done, made.drift
+    told = readback_columns(run)
     readback = {
         name: values[0] if values.ndim > 1 and not trials else values
         for name, values in done.readback.items()
+        if name in told
     }
-    if run.data.hold is not None and isinstance(bench, Turntable):
-        readback[HOLD] = np.zeros_like(readback[bench.names[0]]) + _holds(run, bench, done)
     c = np.array([run.truth[name] for name in sensor.coefficients])
     motion = done.motion
     if sensor.uses("ai", "ap", "ao"):
@@ -120,40 +114,6 @@ def _simulated(
         source=f"simulation of {run.path.name}, seed {seed}",
     )
     return recording, done
-
-
-def _table_file(
-    run: Run, done: SimulatedMotion, rng: np.random.Generator, source: str
-) -> Recording:
-    """Return the readback by the table's clock, as its file has it."""
-    bench, data, rate = run.bench, run.data, run.rate_hz
-    assert isinstance(bench, Turntable)
-    assert rate is not None
-    q = {name: values[0] for name, values in done.drawn.items()}
-    first, last = ((t + q["latency"]) / (1 - q["clock"]) for t in (0.0, float(done.time[-1])))
-    # Begun before the recording and ended after it, as by hand.
-    ticks = range(floor((first - _BESIDE) * rate), ceil((last + _BESIDE) * rate) + 1)
-    stamps = np.array(ticks) / rate
-    angles = read_at(bench, travel(bench, run.table_steps), stamps, q, rng)
-    sizes = np.array([readback_units(run)[name] for name in bench.names])
-    return Recording(
-        time=stamps / factor(data.table_time_unit, "s"),
-        data=angles / sizes,
-        channels=tuple(readback_columns(run).values()),
-        units=(data.table_unit,) * len(sizes),
-        source=source,
-        time_name=str(data.table_time),
-    )
-
-
-def _holds(run: Run, bench: Turntable, done: SimulatedMotion) -> np.ndarray:
-    """Return the number of the hold that each sample is in, as a bench host writes it, (n,)."""
-    number = np.full(done.time.size, -1.0)
-    for k, step in enumerate(one for one in run.table_steps if isinstance(one, Position)):
-        time = done.time[done.labels == step.label]
-        aside = settling(bench)
-        number[(done.time >= time[0] + aside) & (done.time <= time[-1] - aside)] = k
-    return number
 
 
 def named_as_in(run: Run, recording: Recording) -> Recording:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from inercal.budget import Budget
-from inercal.design.on_head import Worksheet
+from inercal.design.worksheet import Worksheet
 from inercal.errors import brought_by
 from inercal.io.atomic import atomic_write
 from inercal.pipeline import Outcome

@@ -6,26 +6,24 @@ from math import degrees, isnan, nan
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
 from markupsafe import Markup
 
-from inercal.benches import DividingHead, RateTable, Turntable
 from inercal.benches.kinds import kind_of
+from inercal.benches.report import Direction
+from inercal.benches.turntable import is_turntable
 from inercal.calibration.verdict import chance
 from inercal.methods.observed import NOISE_ALONE
 from inercal.pipeline import Outcome
 from inercal.plan import Hold, Index, Position, Rotation, Spin, Step, Turn
 from inercal.report import courses, tables
-from inercal.report import head as on_head
 from inercal.report import tests as judged
 from inercal.report.figures import correlations, departures, residuals
 from inercal.report.history import history
-from inercal.report.speeds import speeds
-from inercal.report.sphere import Attitude, attitudes, missing_faces, sphere
+from inercal.report.plots import drawn
+from inercal.report.sphere import missing_faces, sphere
 from inercal.report.templates import render
 from inercal.report.traces import scatters, traces
 from inercal.report.whole import by_step, by_steps, is_whole
-from inercal.sensors import G0
 
 if TYPE_CHECKING:
     from inercal.store import History
@@ -57,7 +55,8 @@ def page(
     """
     estimate, calibration = outcome.estimate, outcome.calibration
     bench = outcome.bench
-    found = [] if isinstance(bench, DividingHead) else attitudes(outcome)
+    kind = kind_of(bench)
+    words, found = kind.words, kind.directions(outcome)
     grids, pulls = tables.bench(outcome)
     recording = outcome.recording
     chosen = calibration.sensor.coefficients
@@ -84,22 +83,19 @@ def page(
         candidates=judged.candidates(outcome),
         counted=judged.counted(outcome),
         whole=is_whole(outcome),
-        on_table=isinstance(bench, Turntable),
-        indexed=isinstance(bench, DividingHead),
-        head=on_head.head(outcome, bench) if isinstance(bench, DividingHead) else None,
+        words=words,
+        plots=[(one.text, drawn(one)) for one in kind.plots(outcome)],
         search=None if outcome.search is None else history(outcome.search),
         over_time=None if register is None else _over_time(register),
         course=_course(outcome, truth),
-        by_speed=speeds(outcome, bench) if isinstance(bench, RateTable) else None,
         spheres=(sphere(found, 1), sphere(found, -1)) if found else (),
         sections=sections(outcome, found),
         missing=missing_faces(found),
         turned_too=any(axis.measures == "w" for axis in calibration.sensor.axes),
         turned=any(isinstance(step, Turn | Rotation) for step in outcome.steps),
         norms=by_norm(outcome),
-        unjudged=isinstance(bench, RateTable) and not estimate.dof,
+        unjudged="" if estimate.dof else words.unjudged,
         chance=chance,
-        states=isinstance(bench, RateTable),
         placed=any(not isnan(attitude.off) for attitude in found),
         spun=any(isinstance(step, Spin) for step in outcome.steps),
         free=bool(estimate.groups),
@@ -146,14 +142,14 @@ def _course(outcome: Outcome, truth: Mapping[str, float] | None) -> Course | Non
     found, track, bench = outcome.estimate.courses, outcome.observations.track, outcome.bench
     if not found:
         return None
-    drawn = None
-    if track is not None and isinstance(bench, Turntable):
-        drawn = courses.path(track, bench)
+    path = None
+    if track is not None and is_turntable(bench):
+        path = courses.path(track, bench)
     return Course(
         courses.convergence(outcome, truth),
         courses.smoothed(found, outcome.calibration.sensor),
         courses.innovations(found),
-        drawn,
+        path,
     )
 
 
@@ -193,22 +189,18 @@ def facts(outcome: Outcome) -> list[tuple[str, str]]:
     return [(name, text) for name, text in result if text]
 
 
-def sections(outcome: Outcome, found: Sequence[Attitude]) -> list[Section]:
+def sections(outcome: Outcome, found: Sequence[Direction]) -> list[Section]:
     """Return the rows of the table of positions and turns.
 
     The axis of a turn has no angle here: the gyros' misalignments were found from it.
     """
     observed = outcome.observations
-    force = np.linalg.norm(outcome.observations.mean[:, :3], axis=-1) / G0
     off = {attitude.step.label: attitude.off for attitude in found}
 
+    in_words = kind_of(outcome.bench).row
+
     def what(step: Step, row: int) -> str:
-        if isinstance(step, Index):
-            text = on_head.in_words(step, outcome, row)
-        else:
-            read = f"; reads {force[row]:.4g} g" if isinstance(step, Spin) else ""
-            text = step.in_words() + read
-        return tables.minus(text)
+        return tables.minus(in_words(step, outcome, row))
 
     def away(step: Step) -> str:
         angle = off.get(step.label, nan)

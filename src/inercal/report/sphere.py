@@ -2,8 +2,8 @@
 # matplotlib's stubs leave **kwargs untyped.
 # pyright: reportUnknownMemberType=false
 
-from dataclasses import dataclass
-from math import acos, cos, degrees, nan, pi, sin
+from collections.abc import Sequence
+from math import cos, degrees, pi, sin
 
 import numpy as np
 from markupsafe import Markup
@@ -12,11 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-from inercal.benches import Centrifuge, RateTable, Turntable
-from inercal.benches.centrifuge.arm import felt_vector
-from inercal.benches.turntable.attitude import reference
-from inercal.pipeline import Outcome
-from inercal.plan import Hold, Position, Rotation, Spin, Step, Turn, direction
+from inercal.benches.report import Direction
+from inercal.plan import Hold, Position, Rotation, Spin, Turn, direction
 from inercal.report import drawing
 from inercal.report.drawing import BAND, FAINT, INK, MUTED, PAPER, WARN, Z, svg
 
@@ -29,88 +26,7 @@ _RING = 17 * pi / 180  # angular radius of the arrow that stands for a turn
 _VIEW = np.array([1.0, 0.78, 0.66]) / np.linalg.norm([1.0, 0.78, 0.66])
 
 
-@dataclass(frozen=True, eq=False)
-class Attitude:
-    """One hold, turn or dwell on a centrifuge as it was measured.
-
-    Parameters
-    ----------
-    step : Hold, Turn, Spin, Position or Rotation
-    towards : (3,) array
-        Unit vector in the sensor's frame: up in a hold, the axis of a turn, the specific force in a
-        dwell.
-    off : float
-        Angle from the nominal direction, rad; NaN where that is not known.
-    """
-
-    step: Step
-    towards: Array
-    off: float
-
-
-def attitudes(outcome: Outcome) -> list[Attitude]:
-    """Return the measured direction of each hold, dwell and, where there are gyros, turn.
-
-    Not of a dividing head, which a single accelerometer may stand on.
-    """
-    if isinstance(outcome.bench, Centrifuge):
-        return _dwells(outcome, outcome.bench)
-    if isinstance(outcome.bench, RateTable):
-        return _on_table(outcome, outcome.bench)
-    if isinstance(outcome.bench, Turntable):
-        return _on_axes(outcome, outcome.bench)
-    felt = outcome.felt()
-    found: list[Attitude] = []
-    for k, step in enumerate(outcome.steps):
-        if isinstance(step, Hold):
-            vector, nominal = felt.f[k], np.array(step.up)
-        else:
-            assert isinstance(step, Turn)
-            vector, nominal = felt.w[k] * np.sign(step.angle), np.array(step.axis)
-        found.append(_measured(step, vector, nominal))
-    return found
-
-
-def _dwells(outcome: Outcome, bench: Centrifuge) -> list[Attitude]:
-    spins = [step for step in outcome.steps if isinstance(step, Spin)]
-    known = all(step.attitude is not None for step in spins)
-    stated = {name: np.array(q.value) for name, q in outcome.expected.items()}
-    made = felt_vector(bench, spins, stated) if known else None
-    felt = outcome.felt(None if made is None else made.w)
-    return [
-        _measured(step, felt.f[k], None if made is None else made.f[k])
-        for k, step in enumerate(spins)
-    ]
-
-
-def _on_table(outcome: Outcome, bench: RateTable) -> list[Attitude]:
-    spins = [step for step in outcome.steps if isinstance(step, Spin)]
-    made = bench.mean_motion(spins, {}).motion
-    felt = outcome.felt()
-    return [_measured(step, felt.f[k], made.f[k]) for k, step in enumerate(spins)]
-
-
-def _on_axes(outcome: Outcome, bench: Turntable) -> list[Attitude]:
-    felt = outcome.felt()
-    found: list[Attitude] = []
-    for k, step in enumerate(outcome.steps):
-        if isinstance(step, Position):
-            up = reference(bench, np.array([step.angles]))[0, 2]
-            found.append(_measured(step, felt.f[k], up))
-        elif isinstance(step, Rotation):
-            found.append(_measured(step, felt.w[k] * np.sign(step.angle), None))
-    return found
-
-
-def _measured(step: Step, vector: Array, nominal: Array | None) -> Attitude:
-    unit = vector / np.linalg.norm(vector)
-    if nominal is None:
-        return Attitude(step, unit, nan)
-    cosine = unit @ nominal / np.linalg.norm(nominal)
-    return Attitude(step, unit, acos(float(np.clip(cosine, -1.0, 1.0))))
-
-
-def missing_faces(found: list[Attitude]) -> list[str]:
+def missing_faces(found: Sequence[Direction]) -> list[str]:
     """Return the faces that no hold had up: "−z"; none where attitudes were free."""
     if any(isinstance(a.step, Spin | Position) for a in found):
         return []
@@ -125,7 +41,7 @@ def missing_faces(found: list[Attitude]) -> list[str]:
 
 
 @drawing.style
-def sphere(found: list[Attitude], side: int) -> Markup:
+def sphere(found: Sequence[Direction], side: int) -> Markup:
     """Return the sphere of body directions, seen from +x +y +z (side 1) or opposite (−1)."""
     figure = Figure(figsize=(4.2, 4.4))
     axes = figure.add_axes((0, 0, 1, 4.2 / 4.4))
@@ -175,7 +91,7 @@ def _globe(axes: Axes, screen: Array) -> None:
         axes.plot(np.where(depth >= 0, x, np.nan), y, color=FAINT, lw=0.8)
 
 
-def _turn(axes: Axes, attitude: Attitude, angle: float, screen: Array) -> None:
+def _turn(axes: Axes, attitude: Direction, angle: float, screen: Array) -> None:
     """Draw an arrow around the axis, the way that the sensor was turned."""
     n = attitude.towards
     first = np.cross(screen[0], n)

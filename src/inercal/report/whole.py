@@ -15,7 +15,7 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from inercal.benches import Turntable
+from inercal.benches.turntable import is_turntable
 from inercal.methods.turntable import model
 from inercal.methods.turntable_trajectory import METHOD
 from inercal.methods.turntable_trajectory.rows import Resting, Turning
@@ -48,7 +48,7 @@ def by_step(outcome: Outcome) -> tuple[ByStep, ...]:
     """Return the whitened residuals by step, gyros before accelerometers."""
     track, sensor, bench = outcome.observations.track, outcome.calibration.sensor, outcome.bench
     assert track is not None
-    assert isinstance(bench, Turntable)
+    assert is_turntable(bench)
     kinds = {axis.measures for axis in sensor.axes}
     whitened, found, at = outcome.estimate.whitened, list[ByStep](), 0
     if "w" in kinds:

@@ -1,39 +1,29 @@
-"""The page of a worksheet: printed, and filled in by hand at the head."""
+"""The page of a worksheet: printed, and filled in by hand at the bench."""
+
+from itertools import groupby
 
 from inercal.calibration.verdict import COVERAGE
-from inercal.design.on_head import Known, Worksheet
+from inercal.design.known import Known
+from inercal.design.worksheet import Worksheet
 from inercal.report.templates import render
 from inercal.units import digits
 
-_MOST = 24  # rows of a pass that one sheet of paper holds
+_MOST = 24  # rows of a group that one sheet of paper holds
 
 
-def page(sheet: Worksheet, table: str) -> str:
+def page(made: Worksheet, table: str) -> str:
     """Return the whole page, HTML; `table` is the name of the file to be filled."""
     return render(
         "worksheet.html",
-        sheet=sheet,
+        run=made.run,
+        sheet=made.sheet,
         table=table,
-        boxes=_boxes(sheet),
-        known=[_cells(one) for one in (*sheet.expected, *sheet.together)],
-        alone=len(sheet.expected),
-        passes=sheet.rows[-1].in_pass,
+        known=[_cells(one) for one in (*made.expected, *made.together)],
+        together=made.together,
+        alone=len(made.expected),
+        groups=[(name, list(rows)) for name, rows in groupby(made.sheet.rows, lambda r: r.group)],
         most=_MOST,
     )
-
-
-def _boxes(sheet: Worksheet) -> list[tuple[str, str, str]]:
-    """Return the columns that are filled in: kind, name and unit."""
-    names = sheet.names
-    found = [
-        ("accelerometer", name, axis.readout.unit)
-        for name, axis in zip(names.accelerometers, sheet.run.sensor.axes, strict=True)
-    ]
-    if sheet.bench.collimated != "none":
-        found.append(("collimator", "autocollimator", names.autocollimator_unit))
-    if names.level:
-        found.append(("level", "level", names.level_unit))
-    return found
 
 
 def _cells(one: Known) -> tuple[str, str, str, str]:

@@ -16,9 +16,10 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from inercal.benches import Bench, Turntable
-from inercal.benches.contract import Kind
+from inercal.benches import Bench
+from inercal.benches.kind import Kind
 from inercal.benches.kinds import KINDS, named
+from inercal.data.section import DataSection
 from inercal.errors import InputError
 from inercal.estimate import Gaussian
 from inercal.keys import CoefficientName
@@ -26,21 +27,18 @@ from inercal.methods import Method, method
 from inercal.methods._base import Estimator
 from inercal.methods.ship_multi_angle import global_
 from inercal.methods.ship_multi_angle.evolution import Generation, Options
-from inercal.plan import Position, Rotation, Step, TableStep
+from inercal.plan import Step, TableStep, Turn, table_steps
 from inercal.recording import Finding
 from inercal.runfile.build import build_sensor, coefficient_value
 from inercal.runfile.checks import (
-    axes_of,
-    require_columns,
     require_frame,
     require_once,
     require_used,
 )
 from inercal.runfile.gravity import against_place
-from inercal.runfile.path import on_path
 from inercal.runfile.priors import prior_from, static_prior
 from inercal.runfile.reading import apart
-from inercal.runfile.schema import DataSection, MethodSection, RunSchema, schema_of
+from inercal.runfile.schema import MethodSection, RunSchema, schema_of
 from inercal.runfile.search import searching
 from inercal.runfile.wording import unknown_kind, worded
 from inercal.sensors import Sensor
@@ -105,7 +103,7 @@ class Run:
     sensor: Sensor
     truth: Mapping[str, float]
     bench: Bench
-    kind: Kind[Any]
+    kind: Kind[Any, Any]
     data: DataSection
     method: Method[Any, Any]
     estimator: str
@@ -119,7 +117,7 @@ class Run:
     findings: tuple[Finding, ...] = ()
     reader_options: Mapping[str, object] = field(default_factory=dict[str, object])
 
-    @cached_property
+    @property
     def steps(self) -> tuple[Step, ...]:
         """The nominal plan. One by hand is only designed where it is asked for.
 
@@ -128,6 +126,10 @@ class Run:
         InputError
             No plan with what the run file says of it.
         """
+        return self._steps
+
+    @cached_property
+    def _steps(self) -> tuple[Step, ...]:
         try:
             return self.plan()
         except InputError as error:
@@ -136,7 +138,7 @@ class Run:
     @property
     def table_steps(self) -> list[TableStep]:
         """The positions and rotations of the nominal plan: on a turntable all of its steps."""
-        return [step for step in self.steps if isinstance(step, Position | Rotation)]
+        return table_steps(self.steps)
 
     def solver(self, progress: Callable[[Generation], None] | None = None) -> Estimator[Any, Any]:
         """Return the estimator, with what the run file says of its search if it is one.
@@ -194,7 +196,7 @@ def read(path: str | Path, method_keys: Mapping[str, object] | None = None) -> R
     options: dict[str, Any] = {}
     try:
         if isinstance(content.get("data"), dict):
-            whole["data"], options = apart(content["data"])
+            whole["data"], options = apart(content["data"], KINDS[chosen].data)
         schema = model.model_validate(whole)
     except ValidationError as error:
         raise InputError(f"{path}: {worded(error, content, model)}") from None
@@ -207,21 +209,21 @@ def read(path: str | Path, method_keys: Mapping[str, object] | None = None) -> R
         raise InputError(f"{path}: {error}") from None
 
 
-def _build(path: Path, digest: str, schema: RunSchema, kind: Kind[Any]) -> Run:
+def _build(path: Path, digest: str, schema: RunSchema, kind: Kind[Any, Any]) -> Run:
     chosen = method(schema.method.name)
     bench = kind.build(schema.bench, path.parent)
-    axes = axes_of(schema.data.accelerometer, bench)
-    whole = build_sensor(schema.sensor, axes)
+    whole = build_sensor(schema.sensor, schema.data.accelerometer, kind.sensor)
     part = chosen.prepare(whole, schema.method.coefficients, schema.method.also)
     if not isinstance(bench, chosen.bench):
         raise InputError(
             f"[bench] kind: method {chosen.name} takes {named(chosen.bench)!r}, not {kind.name!r}"
         )
-    require_columns(schema, bench)
-    plan = _plan(chosen, schema.method)
-    if isinstance(bench, Turntable):
-        plan = on_path(schema.method, bench, path.parent, plan)
-    turns = () if chosen.free or isinstance(bench, Turntable) else chosen.plan()
+    schema.data.readback(bench)  # its units are looked at before anything is read
+    stated = {
+        key: given for key, _, _ in _PLAN if (given := getattr(schema.method, key)) is not None
+    }
+    plan = kind.plan(stated, bench, path.parent, _plan(chosen, schema.method))
+    turns = () if chosen.free or Turn not in kind.steps else chosen.plan()
     require_used(schema, chosen, turns)
     chosen.estimator(schema.method.estimator)
     estimator = schema.method.estimator or next(iter(chosen.estimators))
@@ -266,7 +268,7 @@ def _build(path: Path, digest: str, schema: RunSchema, kind: Kind[Any]) -> Run:
         priors=tuple(priors),
         rate_hz=rate,
         time_offset=schema.method.time_offset,
-        planned=any(getattr(schema.method, key) is not None for key, _, _ in _PLAN),
+        planned=bool(stated),
         search=searching(schema.method, chosen, estimator),
         bench_name=schema.bench.name,
         findings=against_place(schema.bench),

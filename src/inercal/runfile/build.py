@@ -1,9 +1,10 @@
 """From the sections of a run file to objects in SI."""
 
-from inercal.benches.dividing_head.bench import mounted
+from collections.abc import Callable
+
 from inercal.errors import InputError
 from inercal.runfile.schema import ReadoutSection, SensorSection
-from inercal.sensors import Noise, Readout, Sensor, imu, triad
+from inercal.sensors import Noise, Readout, Sensor
 from inercal.settings import si_value
 from inercal.units import Measured, factor, parse
 
@@ -12,31 +13,30 @@ _EXAMPLE = {"accelerometer": "2048 {}/g", "gyro": "16.4 {}/(°/s)"}
 _COUNTS = ("LSB", "V")  # an output that is no acceleration or rate: it needs a scale
 
 
-def build_sensor(section: SensorSection, axes: int | None = None) -> Sensor:
+Output = tuple[Readout, Noise]
+Parts = Callable[[str, tuple[str | int, ...], Output, Output | None], Sensor]
+
+
+def build_sensor(section: SensorSection, columns: tuple[str | int, ...], parts: Parts) -> Sensor:
     """Return the sensor with readouts and noise; without coefficients.
 
     Parameters
     ----------
     section : SensorSection
-    axes : int, optional
-        Accelerometers on a dividing head, one or two.
+    columns : tuple of str or int
+        [data] accelerometer.
+    parts : callable
+        What stands on the kind of bench (`inercal.benches.kind.Kind.sensor`).
 
     Raises
     ------
     InputError
-        A unit or a scale that is none, or gyros on a dividing head.
+        A unit or a scale that is none, or axes that do not stand on such a bench.
     """
     accelerometer = _readout("accelerometer", section.accelerometer)
-    form = section.form or "reference"
-    if axes is not None:
-        if section.gyro is not None:
-            raise InputError("[sensor.gyro]: a dividing head stands still; leave it out")
-        sensor = mounted(section.name, "ab"[:axes], *accelerometer)
-        form = section.form or sensor.form
-    elif section.gyro is None:
-        sensor = triad(section.name, "f", "a", *accelerometer)
-    else:
-        sensor = imu(section.name, accelerometer, _readout("gyro", section.gyro))
+    gyro = None if section.gyro is None else _readout("gyro", section.gyro)
+    sensor = parts(section.name, columns, accelerometer, gyro)
+    form = section.form or sensor.form
     return Sensor(sensor.name, sensor.axes, (), form, frame=section.frame)
 
 

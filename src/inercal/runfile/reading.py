@@ -7,12 +7,14 @@ the reader does not know of it is refused there.
 from collections.abc import Mapping
 from typing import Any
 
+from inercal.data.section import DataSection
 from inercal.errors import InputError
 from inercal.io.readers import known_options, owners
-from inercal.runfile.schema import DataSection
 
 
-def apart(data: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+def apart(
+    data: Mapping[str, Any], section: type[DataSection]
+) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return a section [data] without the options of readers, and these.
 
     Raises
@@ -20,7 +22,7 @@ def apart(data: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
     InputError
         A reader that takes a key for its own which [data] has.
     """
-    own = DataSection.model_fields
+    own = section.model_fields
     if all(key in own for key in data):
         return dict(data), {}  # without a look at the installed packages
     known = tuple(known_options())

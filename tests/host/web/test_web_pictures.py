@@ -8,10 +8,10 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from inercal.benches.turntable import turntable_of
 from inercal.benches.turntable.attitude import reference
 from inercal.host.drivers.table import AxisState
 from inercal.host.navigation import Navigation
-from inercal.host.record import turntable_of
 from inercal.host.run import BenchRun
 from inercal.host.web import pictures
 from inercal.runfile import Run, read

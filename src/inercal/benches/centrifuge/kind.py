@@ -6,9 +6,13 @@ from math import degrees
 import numpy as np
 
 from inercal.benches.centrifuge.bench import Centrifuge
-from inercal.benches.centrifuge.settings import CentrifugeSection, build
+from inercal.benches.centrifuge.reading import observe
+from inercal.benches.centrifuge.report import directions
+from inercal.benches.centrifuge.settings import CentrifugeData, CentrifugeSection, build
 from inercal.benches.centrifuge.simulation import perform_on_arm, seconds_on_arm
-from inercal.benches.contract import Effect, Kind, Simulated
+from inercal.benches.contract import Simulated
+from inercal.benches.kind import Effect, Kind
+from inercal.benches.report import spin_in_words
 from inercal.plan import Spin
 from inercal.sensors import G0, Sensor
 from inercal.units import Measured
@@ -42,8 +46,10 @@ KIND = Kind(
     "centrifuge",
     Centrifuge,
     CentrifugeSection,
+    CentrifugeData,
     build,
     (Spin,),
+    observe,
     _simulate,
     _seconds,
     effects=(
@@ -51,4 +57,7 @@ KIND = Kind(
         Effect("stretch of the arm", "stretch", _NONE, "ppm/g", 1e6 * G0),
     ),
     refuses_budget=_refuses_budget,
+    rows_of_table=True,
+    directions=directions,
+    row=spin_in_words,
 )

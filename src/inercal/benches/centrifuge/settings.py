@@ -1,4 +1,4 @@
-"""[bench] of a precision centrifuge: its keys, and the bench in SI."""
+"""[bench] and [data] of a precision centrifuge: its keys, and the bench in SI."""
 
 from pathlib import Path
 from typing import Literal
@@ -6,6 +6,7 @@ from typing import Literal
 from pydantic import Field
 
 from inercal.benches.centrifuge.bench import Centrifuge
+from inercal.data.section import DataSection, Readback, size_of
 from inercal.earth import earth_rate_up_north
 from inercal.errors import InputError
 from inercal.settings import (
@@ -48,6 +49,27 @@ class CentrifugeSection(BenchSection):
         if self.latitude is None and self.platform == "locked" and self.indexing is None:
             found["sense"] = "the sense counts for the earth's rate; it goes with latitude"
         return found
+
+
+class CentrifugeData(DataSection):
+    """[data] of a precision centrifuge: rows are dwells of the arm."""
+
+    arm_rate: str | int = Field(description="column of the arm's rate", examples=["rate"])
+    arm_rate_unit: str = Field("rpm", description="its unit, or the size of one: '0.5 rev/s'")
+    attitude: tuple[str | int, str | int] | None = Field(
+        None, description="of means: columns of ψ and θ", examples=[["psi", "theta"]]
+    )
+    attitude_unit: str = "°"
+
+    def readback(self, bench: Centrifuge) -> tuple[Readback, ...]:
+        """Return the columns in which the centrifuge states its rate and attitudes."""
+        rate = size_of(self.arm_rate_unit, "rad/s", "arm_rate_unit")
+        found = (Readback("arm_rate", str(self.arm_rate), rate),)
+        if self.attitude is None:
+            return found
+        angle = size_of(self.attitude_unit, "°", "attitude_unit")
+        psi, theta = map(str, self.attitude)
+        return (*found, Readback("psi", psi, angle), Readback("theta", theta, angle))
 
 
 def build(section: CentrifugeSection, folder: Path) -> Centrifuge:

@@ -1,4 +1,4 @@
-"""[bench] of a dividing head: its keys, and the bench in SI."""
+"""[bench] and [data] of a dividing head: its keys, and the bench in SI."""
 
 from pathlib import Path
 from typing import Literal
@@ -7,6 +7,7 @@ import numpy as np
 from pydantic import Field
 
 from inercal.benches.dividing_head.bench import DividingHead
+from inercal.data.section import Readback, RestsSection, size_of
 from inercal.errors import InputError
 from inercal.io.read import read_table
 from inercal.settings import (
@@ -54,6 +55,30 @@ class DividingHeadSection(BenchSection):
             words = 'with autocollimation = "every" the head\'s own angle is nowhere used'
             found |= {"harmonics": words, "division": words}
         return found
+
+
+class DividingHeadData(RestsSection):
+    """[data] of a dividing head: rows are positions."""
+
+    accelerometer: tuple[str | int, ...] = Field(examples=[["a", "b"]])
+    angle: str | int = Field(description="column of the head's angle", examples=["angle"])
+    angle_unit: str = "°"
+    autocollimator: str | int | None = Field(
+        None, description="column of what it read beyond the angle"
+    )
+    autocollimator_unit: str = "″"
+    level: str | int | None = Field(None, description="column of a level on the head's base")
+    level_unit: str = "″"
+
+    def readback(self, bench: DividingHead) -> tuple[Readback, ...]:
+        """Return the columns of the head's angle, the autocollimator and the level."""
+        found: list[Readback] = []
+        for name in ("angle", "autocollimator", "level"):
+            column = getattr(self, name)
+            if column is not None:
+                key = f"{name}_unit"
+                found.append(Readback(name, str(column), size_of(getattr(self, key), "°", key)))
+        return tuple(found)
 
 
 def build(section: DividingHeadSection, folder: Path) -> DividingHead:

@@ -5,10 +5,14 @@ from math import degrees
 
 import numpy as np
 
-from inercal.benches.contract import Effect, Kind, Simulated
+from inercal.benches.contract import Simulated
 from inercal.benches.hand.bench import Hand
+from inercal.benches.hand.reading import audit, observe, rests
+from inercal.benches.hand.report import directions
 from inercal.benches.hand.settings import HandSection, build
 from inercal.benches.hand.simulation import perform
+from inercal.benches.kind import Effect, Kind
+from inercal.data.section import RestsSection
 from inercal.plan import HandStep, Hold, Turn
 from inercal.sensors import Sensor
 
@@ -33,10 +37,15 @@ KIND = Kind(
     "hand",
     Hand,
     HandSection,
+    RestsSection,
     build,
     (Hold, Turn),
+    observe,
     _simulate,
     _seconds,
     # At the equator the earth does not turn about the vertical.
     effects=(Effect("earth's rate", "latitude", 0.0, "° of latitude", degrees(1), on_rates=True),),
+    audit=audit,
+    rests=rests,
+    directions=directions,
 )

@@ -4,12 +4,23 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from inercal.benches.contract import Kind, Simulated, Vocabulary
+from inercal.benches.contract import Simulated
+from inercal.benches.kind import Kind, Vocabulary
 from inercal.benches.rate_table.bench import RateTable
-from inercal.benches.rate_table.settings import RateTableSection, build
+from inercal.benches.rate_table.reading import observe
+from inercal.benches.rate_table.report import plots
+from inercal.benches.rate_table.settings import RateTableData, RateTableSection, build
+from inercal.benches.rate_table.sheet import sheet
 from inercal.benches.rate_table.simulation import perform_on_table, seconds_on_table
+from inercal.benches.rate_table.states import tables
+from inercal.benches.report import spin_in_words
 from inercal.plan import Spin
 from inercal.sensors import Sensor
+
+_UNJUDGED = (
+    "what the bench makes, of a tilted state the norm, minus what the model says of one "
+    "mean reading"
+)
 
 
 def _simulate(
@@ -32,9 +43,15 @@ KIND = Kind(
     "rate_table",
     RateTable,
     RateTableSection,
+    RateTableData,
     build,
     (Spin,),
+    observe,
     _simulate,
     _seconds,
-    Vocabulary(row="state or mounting", turner="table", rows="states"),
+    Vocabulary(row="state or mounting", turner="table", rows="states", unjudged=_UNJUDGED),
+    sheet=sheet,
+    plots=plots,
+    row=spin_in_words,
+    tables=tables,
 )

@@ -1,4 +1,4 @@
-"""[bench] of a plain rate table: its keys, and the bench in SI."""
+"""[bench] and [data] of a plain rate table: its keys, and the bench in SI."""
 
 from pathlib import Path
 from typing import Literal
@@ -6,6 +6,7 @@ from typing import Literal
 from pydantic import Field
 
 from inercal.benches.rate_table.bench import RateTable
+from inercal.data.section import DataSection, Readback, size_of
 from inercal.errors import InputError
 from inercal.settings import (
     BenchSection,
@@ -26,6 +27,26 @@ class RateTableSection(BenchSection):
     rate_error: str = Field("0 %", examples=["0.01 %"])
     speed: str = "0.05 %"
     lean: str = "0.05 °"
+
+
+class RateTableData(DataSection):
+    """[data] of a plain rate table: rows are mountings at rates."""
+
+    arm_rate: str | int = Field(description="column of the table's rate", examples=["rate"])
+    arm_rate_unit: str = Field("rpm", description="its unit, or the size of one: '0.5 rev/s'")
+    mounting: str | int = Field(
+        description="column of mountings, 'XY' or 'ZY 30'", examples=["mounting"]
+    )
+
+    @property
+    def row(self) -> str | int | None:
+        """The column that names the rows, or the sections of a recording."""
+        return self.mounting if self.label is None else self.label
+
+    def readback(self, bench: RateTable) -> tuple[Readback, ...]:
+        """Return the column in which the table states its rate."""
+        size = size_of(self.arm_rate_unit, "rad/s", "arm_rate_unit")
+        return (Readback("arm_rate", str(self.arm_rate), size),)
 
 
 def build(section: RateTableSection, folder: Path) -> RateTable:

@@ -245,3 +245,9 @@ def _of_axes(bench: Turntable, angles: Array) -> Array:
     if angles.shape[-1:] != (k,):
         raise InputError(f"turntable: angles {angles.shape} are not of its {k} axes, (..., {k})")
     return angles
+
+
+def earth(bench: Turntable) -> Array:
+    """Return the earth's rate in the level frame, (3,) rad/s."""
+    up, north = earth_rate_up_north(bench.latitude)
+    return np.array([0.0, north, up])

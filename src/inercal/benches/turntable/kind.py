@@ -6,10 +6,15 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.contract import Kind, Simulated
+from inercal.benches.contract import Simulated
+from inercal.benches.kind import Kind, Vocabulary
 from inercal.benches.turntable.bench import Turntable
-from inercal.benches.turntable.settings import TurntableSection, build
+from inercal.benches.turntable.path_file import on_path
+from inercal.benches.turntable.reading import observe
+from inercal.benches.turntable.report import directions
+from inercal.benches.turntable.settings import TurntableData, TurntableSection, build
 from inercal.benches.turntable.simulation import perform_on_turntable, seconds_on_turntable
+from inercal.benches.turntable.written import files, numbered
 from inercal.plan import Position, Rotation, TableStep
 from inercal.sensors import Noise, Sensor
 
@@ -23,7 +28,7 @@ def _simulate(
     sensor: Sensor,
     carried: bool,
 ) -> Simulated:
-    done = perform_on_turntable(bench, steps, rate_hz, rng, trials)
+    done = numbered(bench, steps, perform_on_turntable(bench, steps, rate_hz, rng, trials))
     return Simulated(done, *_flickering(sensor, done.motion.f.shape[:-1], rate_hz, rng))
 
 
@@ -57,9 +62,16 @@ KIND = Kind(
     "turntable",
     Turntable,
     TurntableSection,
+    TurntableData,
     build,
     (Position, Rotation),
+    observe,
     _simulate,
     seconds_on_turntable,
+    Vocabulary(components=""),
     refuses_budget=_refuses_budget,
+    sampled=True,
+    plan=on_path,
+    files=files,
+    directions=directions,
 )

@@ -11,23 +11,28 @@ A rotation whose row has the axes' angles brings them there first.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from math import degrees
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.benches.turntable.bench import Turntable
+from inercal.benches.turntable.paths import PATHS
 from inercal.errors import InputError
 from inercal.io.read import read_table
 from inercal.io.table import Table
-from inercal.plan import Position, Rotation, TableStep
+from inercal.plan import Position, Rotation, Step, TableStep
 from inercal.units import factor
 
 Array = NDArray[np.float64]
 _WORDS = ("label", "kind", "axis")
 _LIKE = {"seconds": "s", "angle": "°", "rate": "°/s"}
 _LONGEST = 86_400.0  # s
+_AXES = 3  # of the paths that have a name
 _HEADED = re.compile(r"(\w+) *\[(.+)\]")
 
 
@@ -156,3 +161,49 @@ def _refuse_needless(
     for name in names:
         if words.get(name) or not np.isnan(size.get(name, np.nan)):
             raise InputError(f"a {kind} has no {name}: leave the cell empty")
+
+
+def on_path(
+    options: Mapping[str, Any], bench: Turntable, folder: Path, plan: Callable[[], tuple[Step, ...]]
+) -> Callable[[], tuple[Step, ...]]:
+    """Return the plan; of a file it is read when it is asked for.
+
+    Parameters
+    ----------
+    options : mapping
+        Keys of [method] that say something of the plan.
+    bench : Turntable
+        Its axes name the columns of a file.
+    folder : Path
+        Where a file is looked for.
+    plan : callable
+        The plan of a path by name.
+
+    Raises
+    ------
+    InputError
+        A path that is neither known nor a file, or a file and `seconds`.
+    """
+    name = options.get("path")
+    if name is None or name in PATHS:
+        if len(bench.axes) != _AXES:
+            return _refused(
+                f"path: {name or next(iter(PATHS))} is of three axes, this table has "
+                f"{len(bench.axes)}: name a file of its steps"
+            )
+        return plan
+    file = folder / name
+    if not file.is_file():
+        raise InputError(f"[method] path {name!r}: no such file; or {', '.join(PATHS)}")
+    if "seconds" in options:
+        raise InputError(f"[method] seconds: {name} says how long positions last; leave it out")
+    return partial(read_path, file, bench.names)
+
+
+def _refused(words: str) -> Callable[[], tuple[Step, ...]]:
+    """Return a plan that is refused where it is asked for: a calibration can do without."""
+
+    def plan() -> tuple[Step, ...]:
+        raise InputError(words)
+
+    return plan

@@ -1,12 +1,13 @@
-"""[bench] of a turntable: its keys, and the bench in SI."""
+"""[bench] and [data] of a turntable: its keys, and the bench in SI."""
 
 from pathlib import Path
 from typing import Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.moves import Limits
+from inercal.data.section import DataSection, Readback, size_of
 from inercal.errors import InputError
 from inercal.settings import (
     LARGEST_TILT,
@@ -21,6 +22,7 @@ from inercal.settings import (
 
 _WIDEST_AZIMUTH = 0.0873  # rad
 _LONGEST_LEVER = 1.0  # m
+HOLD = "hold"  # among what the table reads back: numbers of its holds
 
 
 class TurntableSection(BenchSection):
@@ -46,6 +48,70 @@ class TurntableSection(BenchSection):
         examples=[["100 °/s³"]],
         json_schema_extra=PLANNING,
     )
+
+
+class TurntableData(DataSection):
+    """[data] of a turntable: a recording, with the angles of its axes."""
+
+    table: tuple[str | int, ...] | None = Field(
+        None, description="columns of the axes' readback, outermost first"
+    )
+    table_unit: str = "°"
+    table_file: str | None = Field(
+        None,
+        description="the file of that readback, where it has one of its own and its own clock",
+        examples=["table.csv"],
+    )
+    table_time: str | int | None = Field(None, description="in that file: column of time")
+    table_time_unit: str = "s"
+    hold: str | int | None = Field(
+        None,
+        description="column of the number of each hold, negative elsewhere, that a bench host "
+        "wrote; holds are then not sought",
+        examples=["hold"],
+    )
+
+    @model_validator(mode="after")
+    def _files_have_a_clock(self) -> "TurntableData":
+        if self.table_file is None and self.table_time is not None:
+            raise ValueError("table_time is a column of table_file, which is missing")
+        if self.table_file is not None and self.table_time is None:
+            raise ValueError(
+                'table_file goes with table_time, its column of time, such as table_time = "time"'
+            )
+        if self.table_file is not None and self.hold is not None:
+            raise ValueError(
+                "hold is a column that a bench host writes beside the readback; with table_file "
+                "leave it out"
+            )
+        return self
+
+    def readback(self, bench: Turntable) -> tuple[Readback, ...]:
+        """Return the columns of the axes' angles: of their own names unless `table` says otherwise.
+
+        Raises
+        ------
+        InputError
+            Another number of columns than axes, or no unit of angles.
+        """
+        columns = self.table or bench.names
+        if len(columns) != len(bench.names):
+            raise InputError(
+                f"[data] table: name the column of each axis, {', '.join(bench.names)}; there are "
+                f"{len(columns)}"
+            )
+        size = size_of(self.table_unit, "°", "table_unit")
+        found = [
+            Readback(name, text.removeprefix("-"), -size if text.startswith("-") else size)
+            for name, text in zip(bench.names, map(str, columns), strict=True)
+        ]
+        if self.hold is not None:
+            found.append(Readback(HOLD, str(self.hold), 1.0))
+        return tuple(found)
+
+    def others(self) -> dict[str, str]:
+        """Return the file of the readback, if it has its own."""
+        return {} if self.table_file is None else {"readback": self.table_file}
 
 
 def build(section: TurntableSection, folder: Path) -> Turntable:

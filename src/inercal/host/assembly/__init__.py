@@ -21,15 +21,15 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.turntable.bench import Turntable
+from inercal.benches.turntable import turntable_of
+from inercal.benches.turntable.reading.run import settling as settling_of
+from inercal.data.load import readback_units
 from inercal.errors import InputError
 from inercal.host.assembly.imu import Imu, LeftOut, Samples
 from inercal.host.assembly.polls import Table
 from inercal.host.assembly.sections import Sections, Span
 from inercal.host.log import EVENT, IMU, TABLE, Frame
 from inercal.host.packets import Counts, Layout
-from inercal.pipeline.inputs import readback_units
-from inercal.pipeline.turntable.run import settling as settling_of
 from inercal.recording import Track
 from inercal.runfile import Run
 from inercal.sensors import Sensor
@@ -153,11 +153,12 @@ class Assembly:
         InputError
             No turntable or no rate; or as there.
         """
-        if not isinstance(run.bench, Turntable) or run.rate_hz is None:
+        bench = turntable_of(run)
+        if run.rate_hz is None:
             raise InputError(f'{run.path}: [data] rate is missing, such as "200 Hz"')
         sizes = readback_units(run)
-        units = tuple(sizes[name] for name in run.bench.names)
-        return cls(run.sensor, layout, run.rate_hz, settling_of(run.bench), poll, units)
+        units = tuple(sizes[name] for name in bench.names)
+        return cls(run.sensor, layout, run.rate_hz, settling_of(bench), poll, units)
 
     @property
     def sections(self) -> tuple[Span, ...]:

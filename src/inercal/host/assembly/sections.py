@@ -13,8 +13,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.benches.turntable.epochs import COARSE
 from inercal.errors import InputError
-from inercal.methods.turntable.model import COARSE
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

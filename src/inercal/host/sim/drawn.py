@@ -16,7 +16,7 @@ from math import cos, sin
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches import Turntable
+from inercal.benches.turntable import Turntable, turntable_of
 from inercal.errors import InputError
 from inercal.host.sim.dynamics import Axis, Table, three_axes
 from inercal.runfile import Run
@@ -86,9 +86,7 @@ def draw(run: Run, seed: int) -> Drawn:
     InputError
         The bench is no turntable, or a latency is longer than the table's memory.
     """
-    bench = run.bench
-    if not isinstance(bench, Turntable):
-        raise InputError(f"{run.path}: [bench] kind: the simulated bench is a turntable's")
+    bench = turntable_of(run)
     rng = np.random.default_rng(seed)
     values = {
         name: p.value + p.sd * float(rng.standard_normal()) for name, p in bench.acting().items()

@@ -7,13 +7,13 @@ from pathlib import Path
 from time import sleep
 from typing import Any
 
+from inercal.benches.turntable import turntable_of
 from inercal.host.addresses import Addresses, layout_of_address
 from inercal.host.carry import Interrupted, carried_out
 from inercal.host.compile import compiled
 from inercal.host.folder import JOURNAL, POLL, Folder, begin, resumed
 from inercal.host.journal import Journal
 from inercal.host.live import Live
-from inercal.host.record import turntable_of
 from inercal.host.run import BenchRun
 from inercal.host.simulated import POLL as SIMULATED_POLL
 from inercal.host.simulated import STARTING, started

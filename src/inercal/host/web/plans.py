@@ -5,7 +5,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from inercal.benches.turntable.bench import Turntable
+from inercal.benches.turntable import turntable_of
 from inercal.errors import InputError
 from inercal.host.record import require_recordable
 from inercal.host.tasks import tasks
@@ -76,8 +76,7 @@ def _plan(name: str, path: Path) -> Plan | None:
         run = read(path)
         shown |= {"sensor": run.sensor.name, "method": run.method.name}
         require_recordable(run)
-        assert isinstance(run.bench, Turntable)
-        steps = tasks(run.bench, run.table_steps)
+        steps = tasks(turntable_of(run), run.table_steps)
     except InputError as error:
         return Plan(path, shown | {"trouble": str(error)}) if _is_meant(path) else None
     seconds = sum(one.approach + one.seconds for one in steps)

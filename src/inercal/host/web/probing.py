@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from inercal.benches.turntable.bench import Turntable
+from inercal.benches.turntable import turntable_of
 from inercal.errors import InercalError
 from inercal.host import devices
 from inercal.host.device_lines import of_imu, of_table
@@ -19,8 +19,7 @@ def probe(choice: Choice, plan: Plan | None, asked: Asked) -> dict[str, Any]:
     """Return what table and IMU say of themselves, as lines, and whether they could be asked."""
     bench = None
     if plan is not None and not plan.shown["trouble"]:
-        found = read(plan.path).bench
-        bench = found if isinstance(found, Turntable) else None
+        bench = turntable_of(read(plan.path))  # a plan of another bench has trouble
 
     def table() -> list[str]:
         return of_table(devices.table(choice.table(asked.get("table")), bench))

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches.dividing_head.bench import DividingHead
+from inercal.benches.dividing_head.covariance import by_bench, readings_by_bench
 from inercal.estimate import Estimate, Gaussian, least_squares
 from inercal.estimate.scores import UNSCORED
 from inercal.methods import by_angle, temperature, vectors
@@ -163,8 +164,8 @@ def single(
     assert not callable(asked.noise)
     weighted = np.asarray(np.linalg.solve(asked.noise, rows), dtype=float)
     gain = found.covariance @ np.swapaxes(weighted, -1, -2)
-    bench_alone = by_angle.by_bench(sensor, bench, steps)
-    columns = by_angle.readings_by_bench(sensor, bench, steps)
+    bench_alone = by_bench(sensor, bench, steps)
+    columns = readings_by_bench(sensor, bench, steps)
     estimate = replace(
         found,
         covariance=found.covariance + gain @ bench_alone @ np.swapaxes(gain, -1, -2),

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches.dividing_head.bench import DividingHead, felt
+from inercal.benches.dividing_head.covariance import by_bench, readings_by_bench
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate, Gaussian, Problem, least_squares
-from inercal.methods.by_angle import by_bench, readings_by_bench
 from inercal.methods.dual_orthogonal import square
 from inercal.methods.dual_orthogonal.four_points import four_points, rows
 from inercal.methods.vectors import ROUNDING

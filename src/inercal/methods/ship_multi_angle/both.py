@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from inercal.benches.rate_table.bench import RateTable, felt
 from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian, Problem, least_squares
-from inercal.methods.affine import IDEAL, NAMES, Affine
 from inercal.methods.ship_consistency import by_stated, consistency, linearised, of_rows
 from inercal.methods.ship_multi_angle.states import columns, of_norms, tilted_rows
 from inercal.methods.ship_planar import estimate_of, require_excited
 from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import G0, Sensor
+from inercal.sensors.affine import IDEAL, NAMES, Affine
 
 Array = NDArray[np.float64]
 

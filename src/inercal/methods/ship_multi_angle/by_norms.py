@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from inercal.benches.rate_table.bench import RateTable
 from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian, NullDirection
-from inercal.methods.affine import IDEAL, NAMES, Affine
 from inercal.methods.ship_consistency import by_stated, consistency, of_rows
 from inercal.methods.ship_multi_angle import gauge, norms
 from inercal.methods.ship_multi_angle.evolution import Found, Generation, Options, search
@@ -26,6 +25,7 @@ from inercal.methods.ship_planar import estimate_of
 from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import Sensor
+from inercal.sensors.affine import IDEAL, NAMES, Affine
 
 Array = NDArray[np.float64]
 SEARCH = Options()

@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import differential_evolution
 
-from inercal.methods.affine import IDEAL, Affine
 from inercal.methods.ship_multi_angle.norms import damped, residual
+from inercal.sensors.affine import IDEAL, Affine
 
 Array = NDArray[np.float64]
 GOAL = 0.05

@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.estimate import NullDirection
-from inercal.methods.affine import NAMES, Affine, to_coefficients
 from inercal.methods.observed import OBSERVED, in_natural_words
 from inercal.methods.ship_multi_angle.norms import NOTHING, rotations, rows
 from inercal.sensors import Sensor
+from inercal.sensors.affine import NAMES, Affine, to_coefficients
 
 Array = NDArray[np.float64]
 

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal import frames
-from inercal.methods.affine import Affine
 from inercal.methods.ship_multi_angle.norms import rotations
+from inercal.sensors.affine import Affine
 
 Array = NDArray[np.float64]
 _PAIRS = ((1, 2), (2, 0), (0, 1))

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.frames import skew
-from inercal.methods.affine import Affine
+from inercal.sensors.affine import Affine
 
 Array = NDArray[np.float64]
 NOTHING = 1e-9  # of the largest singular value: below, no equation sees a direction

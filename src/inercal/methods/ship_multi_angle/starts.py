@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 from inercal.benches.rate_table.bench import RateTable, felt
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gaussian
-from inercal.methods.affine import IDEAL, Affine, to_affine
 from inercal.methods.ship_multi_angle.freedom import Free, free, turns_left
 from inercal.methods.ship_planar import level, require_excited
 from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import G0, Sensor
+from inercal.sensors.affine import IDEAL, Affine, to_affine
 
 Array = NDArray[np.float64]
 

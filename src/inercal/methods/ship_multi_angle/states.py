@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from inercal.benches.rate_table.bench import RateTable, felt
 from inercal.benches.rate_table.fixture import tilted
 from inercal.errors import NotObserved
-from inercal.methods.affine import require_twelve
 from inercal.methods.vectors import require_rows
 from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import G0, Sensor
+from inercal.sensors.affine import require_twelve
 
 Array = NDArray[np.float64]
 FEWEST = 12  # groups

@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.benches.turntable.attitude import earth as earth_rate
 from inercal.benches.turntable.attitude import misalignment, reference
 from inercal.benches.turntable.bench import Turntable
 from inercal.estimate import Candidate
@@ -27,7 +28,6 @@ from inercal.estimate.scores import Kind
 from inercal.frames import exp_so3, log_so3
 from inercal.keys import ErrorName
 from inercal.methods.candidates import LARGEST, family, largest_angle
-from inercal.methods.turntable import model
 from inercal.methods.turntable.model import Triad
 from inercal.motion import Motion
 from inercal.sensors import G0, Sensor
@@ -161,7 +161,7 @@ def of_gyros(
     back = np.swapaxes(mat, -1, -2)
     turned = log_so3(mat[1:] @ back[:-1])  # in the level frame
     middle = exp_so3(turned / 2) @ mat[:-1]
-    earth = model.earth(bench)
+    earth = earth_rate(bench)
     rate = np.zeros((len(time), 3))
     rate[1:] = turned / since[:, None]
     level = np.swapaxes(middle, -1, -2)
@@ -239,7 +239,7 @@ def of_means(
 def at_rest(bench: Turntable, mat: Array) -> Motion:
     """Return what a table at rest in attitudes (n, 3, 3) has felt."""
     back = np.swapaxes(mat, -1, -2)
-    return Motion(back @ np.array([0.0, 0.0, bench.gravity.value]), back @ model.earth(bench))
+    return Motion(back @ np.array([0.0, 0.0, bench.gravity.value]), back @ earth_rate(bench))
 
 
 def of_table(

@@ -11,9 +11,9 @@ from math import radians
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.turntable.attitude import Misalignment, reference
+from inercal.benches.turntable.attitude import Misalignment, earth, reference
 from inercal.benches.turntable.bench import Turntable
-from inercal.earth import earth_rate_up_north
+from inercal.benches.turntable.epochs import COARSE, LEAST_REST
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gaussian, NullDirection
 from inercal.estimate.nullspace import echelon
@@ -30,13 +30,9 @@ from inercal.sensors.tables import LARGEST
 Array = NDArray[np.float64]
 ARCSEC = radians(1 / 3600)
 PERIOD = 0.1  # s between epochs
-GAP = 0.5  # s without a sample, beyond which the attitude is taken from the table anew
 # rad. What rates taken as linear between samples miss, beside kinks, which are in Q; and a readback
 # that is stated as exact would be divided by.
 FLOOR = 0.1 * ARCSEC
-COARSE = 20.0  # s at rest that the biases' first values come from
-# A table told to rest for 20 s is seen at rest for less: it settles, and its readback is late.
-LEAST_REST = 0.95 * COARSE
 # Standard deviations before the data, SI; of other terms, per their natural size.
 EXPECTED = {
     "bias": radians(1),
@@ -100,12 +96,6 @@ def triad(sensor: Sensor, kind: str, lasting: float = 0.0, *, drifting: bool = T
         np.array([one.white**2 for one in noise]),
         drift(noise, lasting, part.name) if drifting else NONE,
     )
-
-
-def earth(bench: Turntable) -> Array:
-    """Return the earth's rate in the level frame, (3,) rad/s."""
-    up, north = earth_rate_up_north(bench.latitude)
-    return np.array([0.0, north, up])
 
 
 def expected(part: Triad) -> Array:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from inercal.benches.turntable.attitude import misalignment, reference
 from inercal.benches.turntable.bench import Turntable
+from inercal.benches.turntable.epochs import GAP
 from inercal.errors import InputError
 from inercal.estimate import Course, Gaussian
 from inercal.estimate.kalman import Steps
@@ -222,7 +223,7 @@ class Gyros:
             Settings(
                 self.readback**2,
                 _ALIGNED**2,
-                model.GAP,
+                GAP,
                 late,
                 0.0 if late[0] >= 0 else float(self.bench.latency.value),
                 self.closed,

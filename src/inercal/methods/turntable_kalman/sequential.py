@@ -12,10 +12,10 @@ from math import inf
 import numpy as np
 
 from inercal.benches.turntable.bench import Turntable
+from inercal.benches.turntable.epochs import COARSE
 from inercal.benches.turntable.simulation import seconds_on_turntable
 from inercal.estimate import Gaussian
 from inercal.methods._base import PartialEstimate
-from inercal.methods.turntable.model import COARSE
 from inercal.methods.turntable_kalman import _accelerometers, _readback
 from inercal.methods.turntable_kalman.accelerometers import Accelerometers
 from inercal.methods.turntable_kalman.follow import apart

@@ -17,8 +17,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.benches.turntable.attitude import earth as earth_rate
 from inercal.benches.turntable.attitude import misalignment, reference
 from inercal.benches.turntable.bench import Turntable
+from inercal.benches.turntable.epochs import GAP
 from inercal.errors import InputError
 from inercal.frames import log_so3, skew
 from inercal.methods import temperature
@@ -119,7 +121,7 @@ class Turning:
         time = track.time[self.epochs]
         known = {one.name: one.value for one in self.bench.parameters} | dict(q)
         stamp = time + known["latency"] + known["clock"] * (time - track.time[0])
-        earth, p = model.earth(self.bench), len(theta)
+        earth, p = earth_rate(self.bench), len(theta)
         end = 1 + p + len(self.table)
         made = np.zeros((n, 3, end + (0 if beside is None else beside.shape[2])))
         apart, columns = np.zeros((n, 3)), np.zeros((n, 3, p))
@@ -164,7 +166,7 @@ class Turning:
         found, first = left_out.of_gyros(self.part, self.bench, theta, time, angles, warmth)
         seen = np.concatenate([first[None], found.seen])
         since = np.diff(time)[:, None, None]
-        within = skew(model.earth(self.bench)) @ seen[:-1] * since
+        within = skew(earth_rate(self.bench)) @ seen[:-1] * since
         # φ goes on, but for the earth's turn.
         made = [found.driven, seen[1:] - seen[:-1] + within]
         return found.all, np.concatenate(made, axis=-1)
@@ -177,7 +179,7 @@ class Turning:
     @property
     def _lost(self) -> NDArray[np.bool_]:
         """Return on which ways samples are missing that rates cannot be carried over, (e,)."""
-        missing = (np.diff(self.track.time) > model.GAP).astype(np.int64)
+        missing = (np.diff(self.track.time) > GAP).astype(np.int64)
         return np.add.reduceat(missing[: self.epochs[-1]], self.epochs[:-1]) > 0
 
     def _attitude(self, stamp: Array) -> Array:

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.methods.affine import IDEAL, Affine
 from inercal.methods.ship_multi_angle import damped, joint, planar, planar_norm
 from inercal.methods.ship_multi_angle.norms import residual, rows
+from inercal.sensors.affine import IDEAL, Affine
 from inercal.studies.claim import shown
 from inercal.studies.section import Section, Table
 from inercal.studies.ship_model.experiment import (

@@ -18,11 +18,11 @@ from inercal.benches.rate_table.bench import RateTable, felt
 from inercal.benches.rate_table.fixture import FAST, RPM, Reading, multi_angle_plan, planar_plan
 from inercal.estimate import Estimate
 from inercal.keys import CoefficientName
-from inercal.methods.affine import Affine, to_affine
 from inercal.motion import Motion
 from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import G0, triad
+from inercal.sensors.affine import Affine, to_affine
 from inercal.units import Measured
 
 Array = NDArray[np.float64]

@@ -5,10 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inercal.methods.affine import Affine
 from inercal.methods.ship_multi_angle.evolution import GOAL, Bounds, Found, Options, search
 from inercal.methods.ship_multi_angle.norms import damped
 from inercal.methods.ship_planar import level
+from inercal.sensors.affine import Affine
 from inercal.studies.claim import Claim, judge, shown
 from inercal.studies.section import Chart, Line, Panel, Section, Table
 from inercal.studies.ship_model.experiment import (

@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches.rate_table.fixture import PLANES, RPM, planar_plan
-from inercal.methods.affine import Affine
 from inercal.methods.ship_planar import level
+from inercal.sensors.affine import Affine
 from inercal.studies.claim import Claim, judge, shown
 from inercal.studies.section import Chart, Line, Panel, Section
 from inercal.studies.ship_model.estimators import NONE, Compared

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from inercal.benches.rate_table.fixture import About, Reading, multi_angle_plan
 from inercal.frames import exp_so3
-from inercal.methods.affine import IDEAL, Affine
 from inercal.methods.ship_multi_angle.freedom import Free, free
 from inercal.methods.ship_multi_angle.norms import residual, rotations, rows
+from inercal.sensors.affine import IDEAL, Affine
 from inercal.studies.claim import Claim, judge, shown
 from inercal.studies.section import Section, Table
 from inercal.studies.ship_model.experiment import SENSOR, said

@@ -1,0 +1,163 @@
+"""From a run on a centrifuge to observations: a table of dwells, or a recording of arm runs."""
+
+from dataclasses import replace
+from math import pi
+
+import numpy as np
+
+from inercal.benches.centrifuge.bench import Centrifuge
+from inercal.benches.centrifuge.settings import CentrifugeData
+from inercal.data import Gathered, Source
+from inercal.data.load import (
+    accepted,
+    columns,
+    load_recording,
+    plain,
+    readback_columns,
+    readback_units,
+    stated_sd,
+)
+from inercal.errors import InputError
+from inercal.io.means import means_of, read_columns
+from inercal.io.rest import norm_finding
+from inercal.keys import CoefficientName
+from inercal.plan import Spin, on_arm
+from inercal.recording import Finding
+from inercal.segments import average_dwells, find_dwells
+from inercal.units import readable
+
+_HARMONICS = 2  # of a reading quadratic in what is felt; a cubic one has a third
+
+
+def observe(run: Source[CentrifugeData]) -> Gathered:
+    """Return the observations of a run on a centrifuge.
+
+    Raises
+    ------
+    InputError
+        The data cannot be used.
+    """
+    bench: Centrifuge = run.bench
+    arms = any(".arm_" in name for name in run.sensor.coefficients)
+    if arms and bench.platform != "locked":
+        raise InputError(
+            f"{run.path}: [method] also: no lever arm acts on a counter-rotating platform; leave "
+            "arm out"
+        )
+    if run.data.seconds is not None:
+        raise InputError(
+            f"{run.path}: [data] seconds: dwells on the arm are over whole turns; leave it out"
+        )
+    known = bench.indexing is not None or arms
+    if known and run.data.attitude is None:
+        raise InputError(
+            f"{run.path}: [data] attitude is missing: lever arms and [bench] indexing need the "
+            "columns of ψ and θ"
+        )
+    if bench.indexing is not None and bench.platform != "locked":
+        raise InputError(
+            f"{run.path}: [bench] indexing: on a counter-rotating platform norms alone are used; "
+            "leave it out"
+        )
+    made = _table(run, bench) if run.data.kind == "means" else _recording(run, bench)
+    odd = _odd_norm(run, bench, made)
+    return replace(made, findings=made.findings + accepted(run.data.file, odd))
+
+
+def _odd_norm(run: Source[CentrifugeData], bench: Centrifuge, made: Gathered) -> Finding | None:
+    """Return what is odd with the readings' norms against those of radius, rate and gravity."""
+    rates = np.array([step.rate for step in made.steps if isinstance(step, Spin)])
+    if not rates.size or bench.platform != "locked":
+        return None  # what turns with a counter-rotating platform leaves no mean
+    expected = np.hypot(bench.gravity.value, rates**2 * bench.radius.value)
+    norms = np.linalg.norm(made.observations.mean[:, : len(run.sensor.only("f").axes)], axis=-1)
+    k = int(np.argsort(norms / expected)[rates.size // 2])
+    norm, there = float(norms[k]), float(expected[k])
+    text = (
+        f"{made.observations.labels[k]}: the readings' norm is {norm:.4g} m/s² where gravity, "
+        f"[bench] radius and the rate make {there:.4g} m/s²"
+    )
+    finding = norm_finding(norm, there, text)
+    # Less than twice off, the method itself judges radius and scale.
+    return finding if finding is not None and finding.severity == "refused" else None
+
+
+def _table(run: Source[CentrifugeData], bench: Centrifuge) -> Gathered:
+    if bench.platform != "locked":
+        raise InputError(
+            f"{run.path}: [bench] platform {bench.platform} takes a recording: the means of its "
+            "dwells say nothing of the arm's acceleration"
+        )
+    named, units = readback_columns(run), readback_units(run)
+    wanted = columns(run)
+    path = run.file(run.data.file)
+    table = read_columns(path, wanted, list(named.values()))
+    said = {name: table.numbers(column) * units[name] for name, column in named.items()}
+    for name, values in said.items():
+        bad = np.flatnonzero(~np.isfinite(values) | ((values == 0) & (name == "arm_rate")))
+        if bad.size:
+            raise InputError(
+                f"{path} line {table.first_line + bad[0]}: column {named[name]!r} is "
+                f"{table.numbers(named[name])[bad[0]]:g}; give the arm's rate or angle, or take "
+                "the row out"
+            )
+    rates = said["arm_rate"]
+    size, unit = units["arm_rate"], run.data.arm_rate_unit
+    if unit[:1].isdigit():
+        size, unit = pi / 30, "rpm"  # the size of one step is no name of a unit
+    if wanted.label is None:
+        names = [f"row {k}" for k in range(1, len(rates) + 1)]
+    else:
+        names = [plain(value) for value in table.columns[wanted.label].tolist()]
+    labels = tuple(
+        f"{name} at {rate:.6g} {unit}" for name, rate in zip(names, rates / size, strict=True)
+    )
+    durations = np.ones(len(labels))  # nothing depends on them
+    observations = means_of(path, table, labels, wanted, run.sensor, stated_sd(run), durations)
+    attitudes = [None] * len(labels)
+    if "psi" in said:
+        attitudes = [
+            on_arm(psi, theta)
+            for psi, theta in zip(said["psi"].tolist(), said["theta"].tolist(), strict=True)
+        ]
+    steps = tuple(
+        Spin(label, rate, 0.0, attitude)
+        for label, rate, attitude in zip(labels, rates.tolist(), attitudes, strict=True)
+    )
+    return Gathered(None, (), observations, steps, steps, (), _conditions(bench))
+
+
+def _recording(run: Source[CentrifugeData], bench: Centrifuge) -> Gathered:
+    recording, units = load_recording(run), readback_units(run)
+    recording = replace(
+        recording,
+        readback={name: values * units[name] for name, values in recording.readback.items()},
+    )
+    dwells, left_out = find_dwells(recording)
+    harmonics = 0
+    if bench.platform != "locked":
+        shorts = {CoefficientName(name).term for name in run.sensor.coefficients}
+        if "koq" in shorts:
+            raise InputError(
+                f"{run.path}: koq bends the reading at zero: its harmonics have no end; calibrate "
+                "it on a platform locked to the arm"
+            )
+        harmonics = _HARMONICS + ("k3" in shorts)
+    observations, steps = average_dwells(recording, run.sensor, dwells, harmonics, bench.sense)
+    marks = tuple(dwell.mark for dwell in dwells)
+    findings = recording.findings + left_out
+    return Gathered(recording, marks, observations, steps, steps, findings, _conditions(bench))
+
+
+def _conditions(bench: Centrifuge) -> dict[str, str]:
+    place = bench.latitude
+    return {
+        "gravity": readable(bench.gravity.value, bench.gravity.sd, "m/s²"),
+        "static radius": readable(bench.radius.value, bench.radius.sd, "m"),
+        "rate of the arm (k = 1)": readable(bench.rate, 0.0, "ppm"),
+        "tilt of gravity against the arm (k = 1)": readable(bench.tilt, 0.0, "″"),
+        "earth rate along the spindle": "unknown"
+        if place is None
+        else f"of latitude {readable(place.value, place.sd, '°')}",
+        "platform": bench.platform,
+    }

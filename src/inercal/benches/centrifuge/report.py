@@ -1,0 +1,20 @@
+"""What a centrifuge shows of a calibration: the specific force in each dwell."""
+
+import numpy as np
+
+from inercal.benches.centrifuge.arm import felt_vector
+from inercal.benches.report import Direction, Shown, direction
+from inercal.plan import Spin
+
+
+def directions(shown: Shown) -> tuple[Direction, ...]:
+    """Return the measured direction of the specific force in each dwell."""
+    spins = [step for step in shown.steps if isinstance(step, Spin)]
+    known = all(step.attitude is not None for step in spins)
+    stated = {name: np.array(q.value) for name, q in shown.expected.items()}
+    made = felt_vector(shown.bench, spins, stated) if known else None
+    felt = shown.felt(None if made is None else made.w)
+    return tuple(
+        direction(step, felt.f[k], None if made is None else made.f[k])
+        for k, step in enumerate(spins)
+    )

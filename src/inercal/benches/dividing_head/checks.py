@@ -1,0 +1,149 @@
+"""What readings on a dividing head show to be wrong: phase, size, a row that stands alone."""
+
+from collections.abc import Sequence
+from math import pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches.dividing_head.bench import DividingHead, felt
+from inercal.benches.dividing_head.covariance import by_bench
+from inercal.benches.dividing_head.passes import passes, places
+from inercal.benches.dividing_head.settings import DividingHeadData
+from inercal.data import Source
+from inercal.errors import InputError
+from inercal.motion import Motion
+from inercal.plan import Index
+from inercal.recording import Finding, Observations
+from inercal.sensors import G0, Sensor
+
+Array = NDArray[np.float64]
+_PHASE = 10.0  # °; no fixture is further off
+_SWING = (0.5, 2.0)  # times g
+_FEWEST = 3  # positions that tell a phase
+_LARGEST = 3e-3  # rad, 10′: what levels and autocollimators read
+_ALONE = 8.0  # times the usual difference between passes
+_STATED = 4.0  # standard deviations of a difference, by noise and bench
+_REPEATED = 4  # positions that tell the usual difference
+_NORMAL = 1.4826  # standard deviations of a normal distribution in its median absolute one
+
+
+def require_small(run: Source[DividingHeadData], steps: Sequence[Index]) -> None:
+    """Refuse readings of level or autocollimator that none can have: their unit is wrong.
+
+    Raises
+    ------
+    InputError
+    """
+    for key, name in (("level", "level"), ("autocollimator", "reading")):
+        values = [getattr(step, name) for step in steps]
+        worst = max(range(len(values)), key=lambda k: abs(values[k]))
+        if abs(values[worst]) > _LARGEST:
+            raise InputError(
+                f"{run.path}: [data] {key}: it reads {values[worst] * 180 / pi * 60:.3g}′ at "
+                f"{steps[worst].label}, more than such an instrument can (10′); look at {key}_unit"
+            )
+
+
+def require_phases(
+    run: Source[DividingHeadData], observations: Observations, steps: Sequence[Index]
+) -> None:
+    """Refuse accelerometers that do not swing by 1 g with the phase at which they are mounted.
+
+    Raises
+    ------
+    InputError
+    """
+    angle = np.array([step.angle for step in steps])
+    basis = np.stack([np.ones_like(angle), np.sin(angle), np.cos(angle)], axis=-1)
+    if np.linalg.matrix_rank(basis, tol=1e-3) < _FEWEST:
+        return
+    _, sine, cosine = np.linalg.lstsq(basis, observations.mean, rcond=None)[0]
+    most = (np.arctan2(sine, cosine) * 180 / pi % 360).tolist()  # where each reads most
+    where = f"{run.path}: [data] accelerometer"
+    given = [str(column) for column in run.data.accelerometer]
+    off = [_apart(a, wanted) for a, wanted in zip(most, (90.0, 0.0), strict=False)]
+    if max(off) > _PHASE:
+        first, *second = most
+        if second and _apart(first, 0.0) < _PHASE and _apart(second[0], 90.0) < _PHASE:
+            raise InputError(
+                f"{where}: {given[0]} and {given[1]} are swapped: {given[0]} reads most at "
+                f"{first:.0f}° and {given[1]} at {second[0]:.0f}°, where A reads most at 90° and B "
+                f'at 0°; write ["{given[1]}", "{given[0]}"]'
+            )
+        k = int(np.argmax(off))
+        raise InputError(
+            f"{where}: {given[k]} reads most at {most[k]:.0f}°, where {'AB'[k]} reads most at "
+            f"{(90, 0)[k]}°: the head counts the other way, or {given[k]} is mounted otherwise"
+        )
+    swing = np.hypot(sine, cosine) / G0
+    if not ((swing > _SWING[0]) & (swing < _SWING[1])).all():
+        k = int(np.argmax(np.abs(np.log(swing))))
+        raise InputError(
+            f"{where}: {given[k]} swings by {swing[k]:.3g} g in the field of gravity, not by 1 g; "
+            "look at the unit and the scale in [sensor.accelerometer]"
+        )
+
+
+def _apart(one: float, other: float) -> float:
+    """Return how far apart two angles are, °."""
+    return abs((one - other + 180) % 360 - 180)
+
+
+def tell_apart(
+    observations: Observations, sensor: Sensor, bench: DividingHead, steps: Sequence[Index]
+) -> tuple[Finding, ...]:
+    """Return a warning for each position whose visits differ far more than those of others.
+
+    At one position the accelerometers read alike in each pass, but for drift, once what level and
+    autocollimator told is taken out: a slip of the pen stands alone. It is also beyond what the
+    bench states of single readings: an autocollimator that brings the head back is read anew in
+    each pass, so that these positions differ more than others.
+
+    Parameters
+    ----------
+    observations : Observations
+        One recording's.
+    sensor : Sensor
+    bench : DividingHead
+    steps : sequence of Index
+        Of the rows.
+    """
+    nominal = sensor.forward(Motion(felt(bench, steps, {}).f), np.zeros(len(sensor.coefficients)))
+    left = observations.mean - nominal
+    where, which = places(steps), passes(steps)
+    couples = [(j, k) for k, j in enumerate(where) if j != k and which[j] != which[k]]
+    if len(couples) < _REPEATED:
+        return ()
+    r, m = observations.mean.shape
+    own = by_bench(sensor.with_coefficients(), bench, steps, gravity=False).reshape(r, m, r, m)
+    variance = np.diagonal(observations.covariance, axis1=-2, axis2=-1)
+    found: list[Finding] = []
+    for c, channel in enumerate(sensor.channels):
+        changes = np.array([left[k, c] - left[j, c] for j, k in couples])
+        change = changes - np.median(changes)
+        of_bench = own[:, c, :, c]
+        noise = np.sqrt(np.array([variance[j, c] + variance[k, c] for j, k in couples]))
+        turned = [of_bench[j, j] + of_bench[k, k] - 2 * of_bench[j, k] for j, k in couples]
+        stated = np.sqrt(noise**2 + np.array(turned))
+        usual = np.maximum(_NORMAL * np.median(np.abs(change)), noise)
+        beyond = np.abs(change) > np.maximum(_ALONE * usual, _STATED * stated)
+        rows = zip(couples, change.tolist(), usual.tolist(), beyond.tolist(), strict=True)
+        for (j, k), size, limit, alone in rows:
+            if alone:
+                found.append(
+                    Finding(
+                        "warning",
+                        "passes",
+                        f"{steps[j].label} and {steps[k].label} are one position, but {channel} "
+                        f"differs by {_in_g(size)} where others differ by {_in_g(limit)}: look at "
+                        "these two rows",
+                        channel,
+                    )
+                )
+    return tuple(found)
+
+
+def _in_g(size: float) -> str:
+    in_g = abs(size) / G0
+    return f"{in_g * 1e6:.3g} µg" if in_g < 1e-3 else f"{in_g * 1e3:.3g} mg"

@@ -1,0 +1,264 @@
+"""From a run on a dividing head to observations: a table of positions, or a recording of them."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from math import pi
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches.dividing_head.bench import DividingHead
+from inercal.benches.dividing_head.checks import require_phases, require_small, tell_apart
+from inercal.benches.dividing_head.passes import CARDINAL, SAME, lacking, near, pass_names, places
+from inercal.benches.dividing_head.settings import DividingHeadData
+from inercal.data import Gathered, Source
+from inercal.data.load import (
+    columns,
+    load_recording,
+    plain,
+    readback_columns,
+    readback_units,
+    require_own_columns,
+    stated_sd,
+    still_but_accepted,
+)
+from inercal.errors import InputError
+from inercal.io.marks import as_read, marks_from_file
+from inercal.io.means import means_of, read_columns
+from inercal.io.table import Table
+from inercal.plan import Index
+from inercal.recording import Finding, Mark, Observations, Recording
+from inercal.segments import check_marks, find_rests, marks_from_labels
+from inercal.segments import observe as averaged
+from inercal.units import readable
+
+Array = NDArray[np.float64]
+
+
+def observe(run: Source[DividingHeadData]) -> Gathered:
+    """Return the observations of a run on a dividing head.
+
+    Raises
+    ------
+    InputError
+        The data cannot be used.
+    """
+    bench: DividingHead = run.bench
+    if run.data.seconds is not None:
+        raise InputError(f"{run.path}: [data] seconds: a dividing head stands still; leave it out")
+    require_own_columns(run)
+    made = _table(run, bench) if run.data.kind == "means" else _recording(run)
+    recording, marks, observations, steps, findings = made
+    require_small(run, steps)
+    findings += _uncollimated(run, bench, steps)
+    require_phases(run, observations, steps)
+    findings += tell_apart(observations, run.sensor, bench, steps)
+    conditions = _conditions(run, bench, steps)
+    return Gathered(recording, marks, observations, steps, steps, findings, conditions)
+
+
+_FEW = 4  # positions may well lie within 6.28°
+_TURNS = 60.0  # rad; no run turns so often
+_Made = tuple[
+    Recording | None, tuple[Mark, ...], Observations, tuple[Index, ...], tuple[Finding, ...]
+]
+
+
+def _table(run: Source[DividingHeadData], bench: DividingHead) -> _Made:
+    named, units = readback_columns(run), readback_units(run)
+    wanted = columns(run)
+    path = run.file(run.data.file)
+    table = read_columns(path, wanted, list(named.values()))
+    _require_filled(run, table)
+    said = {name: table.numbers(column) * units[name] for name, column in named.items()}
+    for name, values in said.items():
+        bad = ~np.isfinite(values)
+        if name == "autocollimator":
+            # Where it is not used it need not have been read.
+            bad &= _collimated(bench, said["angle"])
+        if bad.any():
+            raise InputError(
+                f"{path} line {table.first_line + int(np.argmax(bad))}: column {named[name]!r} "
+                f"holds no number; {_WANTED[name]}"
+            )
+    _require_unit(run, said["angle"] / units["angle"])
+    names = None
+    if wanted.label is not None:
+        names = [plain(value) for value in table.columns[wanted.label].tolist()]
+    steps = _steps(names, {name: np.nan_to_num(values) for name, values in said.items()})
+    labels = tuple(step.label for step in steps)
+    durations = np.ones(len(labels))  # nothing depends on them
+    observations = means_of(path, table, labels, wanted, run.sensor, stated_sd(run), durations)
+    return None, (), observations, steps, ()
+
+
+_WANTED = {
+    "angle": "give the head's angle or take the row out",
+    "level": "give what the level read or take the row out",
+    "autocollimator": "give what it read there, as [bench] autocollimation says",
+}
+
+
+def _require_filled(run: Source[DividingHeadData], table: Table) -> None:
+    names = [str(column) for column in run.data.accelerometer]
+    read = [table.columns[name] for name in names]
+    if all(column.dtype.kind == "f" and not np.isfinite(column).any() for column in read):
+        raise InputError(
+            f"{run.file(run.data.file)}: columns {', '.join(names)} are empty: fill the sheet in"
+        )
+
+
+def _require_unit(run: Source[DividingHeadData], angle: Array) -> None:
+    """Refuse angles that are in the other unit than stated: a turn is 6.28 rad or 360°."""
+    reach, given = float(np.abs(angle).max(initial=0.0)), run.data.angle_unit
+    little = given in ("°", "deg") and angle.size > _FEW and reach < 2 * pi
+    if little or (given == "rad" and reach > _TURNS):
+        other = "rad" if little else "°"
+        raise InputError(
+            f"{run.path}: [data] angle_unit: angles of up to {reach:.4g} {given}: are they in "
+            f'{other}? Then state angle_unit = "{other}"'
+        )
+
+
+def _recording(run: Source[DividingHeadData]) -> _Made:
+    recording, units = load_recording(run), readback_units(run)
+    said = {name: values * units[name] for name, values in recording.readback.items()}
+    found = run.data.marks == "found"
+    if found:
+        marks = find_rests(recording, run.sensor).marks
+    elif run.data.marks == "labels":
+        marks = marks_from_labels(recording)
+    else:
+        marks = as_read(marks_from_file(run.file(run.data.marks)), recording)
+    check_marks(marks, recording, [mark.label for mark in marks])
+    angle = np.array([_angle(recording, mark, said["angle"]) for mark in marks])
+    if found and run.data.accept_moving is not None:
+        raise InputError(
+            f"{run.path}: [data] accept_moving goes with marks of your own: rests that are found "
+            "are still"
+        )
+    moving = () if found else still_but_accepted(run, recording, marks)
+    means = {name: _means(values, marks) for name, values in said.items()} | {"angle": angle}
+    steps = _steps(None if found else [mark.label for mark in marks], means)
+    marks = tuple(replace(m, label=step.label) for m, step in zip(marks, steps, strict=True))
+    observations = averaged(recording, run.sensor, marks, steps, found=True)
+    return recording, marks, observations, steps, (*recording.findings, *moving)
+
+
+def _means(values: Array, marks: Sequence[Mark]) -> Array:
+    return np.array([values[mark.start : mark.stop].mean() for mark in marks])
+
+
+def _angle(recording: Recording, mark: Mark, angle: Array) -> float:
+    """Return the mean angle of a section, rad; an encoder may flicker, and read 359.999° for 0°.
+
+    Raises
+    ------
+    InputError
+        The head moves within the section.
+    """
+    own = angle[mark.start : mark.stop]
+    away = (own - own[0] + pi) % (2 * pi) - pi
+    part = max(away.size // 4, 1)
+    if abs(np.median(away[:part]) - np.median(away[-part:])) > SAME or np.ptp(away) > 20 * SAME:
+        raise InputError(
+            f"{recording.source}: section {mark.label} ({recording.where(mark.start)}): the "
+            "head's angle changes; mark only the time at one position"
+        )
+    return float(own[0] + away.mean())
+
+
+def _steps(names: Sequence[str] | None, said: Mapping[str, Array]) -> tuple[Index, ...]:
+    """Return the steps of rows at these angles, levels and readings; None names them by angle."""
+    angle = said["angle"]
+    sense = _senses(angle)
+    if names is None:
+        once = [
+            f"{degrees:.6g}° {'forward' if s > 0 else 'reverse'}"
+            for degrees, s in zip((angle * 180 / pi).round(3).tolist(), sense, strict=True)
+        ]
+        count: Counter[str] = Counter()
+        names = []
+        for name in once:
+            count[name] += 1
+            names.append(name if count[name] == 1 else f"{name} ({count[name]})")
+    nothing = np.zeros(angle.size)
+    level, reading = said.get("level", nothing), said.get("autocollimator", nothing)
+    return tuple(
+        Index(name, a, s, one, other)
+        for name, a, s, one, other in zip(
+            names, angle.tolist(), sense, level.tolist(), reading.tolist(), strict=True
+        )
+    )
+
+
+def _senses(angle: Array) -> list[Literal[1, -1]]:
+    """Return in which sense each position was come to; the first as the next."""
+    moves = pi - (pi - np.diff(angle)) % (2 * pi)
+    found: list[Literal[1, -1]] = []
+    sense: Literal[1, -1] = 1
+    for move in reversed(moves.tolist()):
+        # A position that is read again where the head turns round opens the way back.
+        sense = sense if abs(move) < SAME else (1 if move > 0 else -1)
+        found.append(sense)
+    found.append(sense)
+    return found[::-1]
+
+
+def _collimated(bench: DividingHead, angle: Array) -> NDArray[np.bool_]:
+    """Return at which angles the autocollimator is used."""
+    if bench.collimated == "every":
+        return np.ones(angle.size, dtype=np.bool_)
+    cardinal = [near(a, CARDINAL) for a in angle.tolist()]
+    return np.array(cardinal) & (bench.collimated == "pairs")
+
+
+def _uncollimated(
+    run: Source[DividingHeadData], bench: DividingHead, steps: Sequence[Index]
+) -> tuple[Finding, ...]:
+    """Return what passes lack of the positions by which the head is trimmed.
+
+    Raises
+    ------
+    InputError
+        No pass has one of them.
+    """
+    if bench.collimated != "pairs":
+        return ()
+    found: list[Finding] = []
+    for name, missing in lacking(steps).items():
+        words = ", ".join(f"{angle * 180 / pi:.0f}°" for angle in missing)
+        away = [angle for angle in missing if not near(angle, [step.angle for step in steps])]
+        text = (
+            "autocollimation is by pairs, 180° as 0° and 270° as 90° in each pass; "
+            f"{name} has no {words}"
+        )
+        if away:
+            raise InputError(
+                f'{run.path}: [bench] {text}: add it to {run.data.file}, or state "none" or "every"'
+            )
+        found.append(Finding("warning", "pairs", text))
+    return tuple(found)
+
+
+def _conditions(
+    run: Source[DividingHeadData], bench: DividingHead, steps: Sequence[Index]
+) -> dict[str, str]:
+    count = len(pass_names(steps))
+    g = bench.gravity
+    found = {
+        "gravity": readable(g.value, g.sd, "m/s²") + (" (taken as exact)" if g.sd == 0 else ""),
+        "positions": f"{len(set(places(steps)))}, {len(steps)} rows in {count} "
+        f"pass{'es' * (count > 1)}" + (": drift does not cancel" if count == 1 else ""),
+        "head's error, rms (k = 1)": f"{bench.rms * 648_000 / pi:.3g} ″",
+        "autocollimation": bench.collimated,
+    }
+    if bench.collimated != "none":
+        found["autocollimator (k = 1)"] = readable(bench.autocollimator, 0.0, "″")
+        faces = len(bench.polygon)
+        found["polygon"] = f"{faces} faces as certified" if faces else "taken as even"
+    if run.data.level is not None:
+        found["tilt of the base"] = "by the level's readings"
+    return found

@@ -1,0 +1,92 @@
+"""What a dividing head shows of a calibration: the angles found, and each row in words."""
+
+from math import degrees, pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches.dividing_head.head_angles import angles
+from inercal.benches.dividing_head.passes import pass_names, passes
+from inercal.benches.report import Direction, Panel, Plot, Series, Shown
+from inercal.plan import Index, Step
+from inercal.sensors import G0
+
+Array = NDArray[np.float64]
+_ARCSEC = pi / 648_000
+_APART = 3.0  # ° between passes as they are drawn
+
+
+def directions(shown: Shown) -> tuple[Direction, ...]:
+    """Return none: a single accelerometer may stand on the head."""
+    return ()
+
+
+def beyond(shown: Shown) -> tuple[Array, Array]:
+    """Return the found angles beyond the stated ones and their deviations, (r,) each, rad.
+
+    About their mean, which cannot be told from the mounting angles. Empty where the estimator
+    finds no angles.
+    """
+    steps, estimate = _steps(shown), shown.estimate
+    weights = {n: w for n, w in angles(shown.bench, steps).weights.items() if n in estimate.names}
+    if not weights:
+        return np.zeros(0), np.zeros(0)
+    rows = np.stack(list(weights.values()), axis=-1)
+    rows = rows - rows.mean(axis=0)
+    found = estimate.select(tuple(weights))
+    variance = np.einsum("rk,kl,rl->r", rows, found.covariance, rows)
+    return rows @ found.value, np.sqrt(variance)
+
+
+def plots(shown: Shown) -> tuple[Plot, ...]:
+    """Return the found angles against the head's, pass by pass."""
+    error, sd = beyond(shown)
+    steps = _steps(shown)
+    which = np.array(passes(steps))
+    turned = np.array([degrees(step.angle) % 360 for step in steps])
+    names = pass_names(steps)
+    series = tuple(
+        Series(
+            turned[which == k] + _APART * (k - (len(names) - 1) / 2),
+            error[which == k] / _ARCSEC,
+            name,
+            sd[which == k] / _ARCSEC,
+        )
+        for k, name in enumerate(names)
+        if error.size
+    )
+    text = (
+        "By how much the head stood beyond its angles, as found with everything else, with ±2 "
+        "uncertainties: about their mean, which cannot be told from how the accelerometers are "
+        "mounted."
+    )
+    panel = Panel("", "angle of the head, °", series, tuple(range(0, 361, 30)))
+    return (
+        Plot(
+            "head",
+            "Angles of the head beyond those stated, with ±2 uncertainties",
+            text if error.size else "The estimator finds no angles of the head.",
+            "beyond it, ″",
+            (panel,) if error.size else (),
+        ),
+    )
+
+
+def _steps(shown: Shown) -> list[Index]:
+    return [step for step in shown.steps if isinstance(step, Index)]
+
+
+def row(step: Step, outcome: Shown, number: int) -> str:
+    """Return what a position was and what was read there: "head at 30°, forward; a 0.5 g"."""
+    assert isinstance(step, Index)
+    text = step.in_words()
+    if step.level:
+        text += f"; level {step.level / _ARCSEC:+.2f}″"
+    if step.reading:
+        text += f"; autocollimator {step.reading / _ARCSEC:+.2f}″"
+    observed = outcome.observations
+    readings = [
+        f"{channel} {value / G0:.7f} g"
+        for channel, value in zip(observed.channels, observed.mean[number].tolist(), strict=True)
+    ]
+    return f"{text}; {', '.join(readings)}"

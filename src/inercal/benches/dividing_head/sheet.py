@@ -1,0 +1,96 @@
+"""The worksheet of a run on a dividing head: its positions."""
+
+from math import degrees
+
+from inercal.benches.dividing_head.operator import Names, notes, rows
+from inercal.benches.dividing_head.settings import DividingHeadData
+from inercal.benches.sheet import Box, Heading, Row, Sheet
+from inercal.data import Source
+from inercal.data.load import readback_units
+from inercal.errors import InputError
+from inercal.plan import Index
+from inercal.sensors import Sensor
+
+
+def sheet(run: Source[DividingHeadData]) -> Sheet:
+    """Return the positions of a run, pass by pass.
+
+    Raises
+    ------
+    InputError
+        A plan that its autocollimation cannot have.
+    """
+    data, bench = run.data, run.bench
+    steps = [step for step in run.steps if isinstance(step, Index)]
+    names = _names(data)
+    collimated, label = bench.collimated != "none", data.label is not None
+    unit = readback_units(run)["angle"]
+    try:
+        planned = rows(bench, steps, recorded=bool(names.autocollimator))
+    except InputError as error:
+        raise InputError(f"{run.path}: {error}") from None
+    made: list[Row] = []
+    for row in planned:
+        step = row.step
+        cells = [str(row.number), step.label, row.angle, f"{row.in_pass}, {row.sense}"]
+        cells += [row.autocollimator] * collimated + ["read"] * bool(names.level)
+        made.append(
+            Row(
+                step.label,
+                (*cells, f"{step.seconds:g} s" if step.seconds else ""),
+                step.seconds,
+                f"pass {row.in_pass}, {row.sense}",
+                (*[step.label] * label, f"{step.angle / unit:.12g}"),
+                {
+                    "what": step.in_words(),
+                    "angle_deg": degrees(step.angle),
+                    "sense": row.sense,
+                    "pass": row.in_pass,
+                    "autocollimator": row.autocollimator,
+                },
+                frozenset() if row.autocollimator else frozenset({"autocollimator"}),
+            )
+        )
+    seconds = sum(step.seconds for step in steps)
+    columns = (data.angle, *data.accelerometer, data.autocollimator, data.level)
+    return Sheet(
+        f"{len(made)} positions, {seconds:.0f} s of holding in all",
+        (
+            Heading("row", right=True),
+            *(Heading(text) for text in ("label", "head at", "pass")),
+            *[Heading("autocollimator")] * collimated,
+            *[Heading("level")] * bool(names.level),
+            Heading("hold for", right=True),
+        ),
+        tuple(made),
+        notes(bench, steps, names),
+        (data.label, *columns) if label else columns,
+        _boxes(names, run.sensor, collimated=collimated),
+        (
+            f"autocollimation: {bench.collimated}",
+            f"g = {bench.gravity.value:.7g} m/s²",
+        ),
+    )
+
+
+def _names(data: DividingHeadData) -> Names:
+    return Names(
+        tuple(map(str, data.accelerometer)),
+        "" if data.autocollimator is None else str(data.autocollimator),
+        data.autocollimator_unit,
+        "" if data.level is None else str(data.level),
+        data.level_unit,
+    )
+
+
+def _boxes(names: Names, sensor: Sensor, *, collimated: bool) -> tuple[Box, ...]:
+    """Return what is filled in by hand."""
+    found = [
+        Box(name, axis.readout.unit)
+        for name, axis in zip(names.accelerometers, sensor.axes, strict=True)
+    ]
+    if collimated:
+        found.append(Box("autocollimator", names.autocollimator_unit))
+    if names.level:
+        found.append(Box("level", names.level_unit))
+    return tuple(found)

@@ -1,0 +1,250 @@
+"""From a run by hand to observations: sections of a plan, or rests in any attitude."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from inercal.benches.hand.bench import Hand
+from inercal.data import Gathered, RestsSection, Source
+from inercal.data.load import (
+    accepted,
+    columns,
+    load_recording,
+    stated_sd,
+    still_but_accepted,
+)
+from inercal.data.rests import seen_rests
+from inercal.errors import InputError
+from inercal.io.audit import accept
+from inercal.io.marks import as_read, marks_from_file
+from inercal.io.means import read_means
+from inercal.io.rest import audit_rest_norm, means_at_rest
+from inercal.plan import HandStep, Hold, Turn
+from inercal.recording import Finding, Mark, Observations, Recording
+from inercal.segments import (
+    FoundRests,
+    as_found,
+    between_rests,
+    check_against_plan,
+    check_marks,
+    check_turn_ends,
+    find_rests,
+    find_sections,
+    held,
+    jumps,
+    marks_from_labels,
+    search_sections,
+    unflawed,
+    within_rests,
+)
+from inercal.segments import (
+    observe as averaged,
+)
+from inercal.segments.levels import WINDOW
+from inercal.sensors import Sensor
+from inercal.units import readable
+
+_BY_READINGS = (
+    "the positions were found by which axis reads gravity: swapped columns, reversed axes, or an "
+    "axis named for another, cannot be noticed; hold one known axis up and compare, or state the "
+    "marks"
+)
+
+
+def observe(run: Source[RestsSection]) -> Gathered:
+    """Return the observations of a run by hand.
+
+    Raises
+    ------
+    InputError
+        The data cannot be used.
+    """
+    sensor, bench = run.sensor, run.bench
+    recording, rests = None, None
+    marks: tuple[Mark, ...] = ()
+    findings: tuple[Finding, ...] = ()
+    if run.data.kind == "means":
+        observations = _means(run)
+    else:
+        recording = audit(load_recording(run), sensor, bench)
+        if run.method.free:
+            rests = find_rests(recording, sensor) if run.data.marks == "found" else None
+            marks, observations, findings = _free_rests(run, recording, rests)
+        else:
+            marks, observations, findings = _planned_sections(run, recording)
+    if run.method.free:
+        plan = steps = held(observations, sensor)
+    else:
+        steps = _planned(run, observations)
+        plan = _with_visits(run, steps)
+    if recording is None:
+        at_rest = [isinstance(step, Hold) for step in steps]
+        odd = means_at_rest(observations.mean[at_rest], sensor, bench.gravity.value)
+        findings += accepted(run.data.file, odd)
+    if not run.method.free:
+        findings += check_against_plan(observations, sensor, steps, bench.gravity.value)
+    conditions = _conditions(run, bench)
+    return Gathered(recording, marks, observations, plan, steps, findings, conditions, rests)
+
+
+def audit(recording: Recording, sensor: Sensor, bench: Hand) -> Recording:
+    """Return the recording with what its norms at rest say.
+
+    Raises
+    ------
+    InputError
+        They say that it cannot be used.
+    """
+    return accept(audit_rest_norm(recording, sensor, bench.gravity.value))
+
+
+def nominal(run: Source[RestsSection]) -> tuple[HandStep, ...]:
+    """Return the run's plan."""
+    return tuple(step for step in run.steps if isinstance(step, Hold | Turn))
+
+
+def _visits(labels: Sequence[str]) -> list[str]:
+    """Return a name for each row of labels that may return, such as "x_p (2)"."""
+    return [
+        label if k == 0 else f"{label} ({k + 1})"
+        for k, label in ((labels[:row].count(label), label) for row, label in enumerate(labels))
+    ]
+
+
+def _returning(run: Source[RestsSection]) -> bool:
+    """Return whether positions may be visited again: at another temperature."""
+    return run.data.temperature is not None and not run.method.free
+
+
+def _by_visit(run: Source[RestsSection], count: int) -> dict[str, HandStep]:
+    """Return the plan's steps by the names of up to `count` visits of each."""
+    found: dict[str, HandStep] = {}
+    for step in nominal(run):
+        names = _visits([step.label] * (count if _returning(run) else 1))
+        found |= {name: replace(step, label=name) for name in names}
+    return found
+
+
+def _with_visits(run: Source[RestsSection], done: Sequence[HandStep]) -> tuple[HandStep, ...]:
+    """Return the plan, and after each step the further visits of it that were made."""
+    wanted = {step.label for step in (*nominal(run), *done)}
+    return tuple(s for name, s in _by_visit(run, len(done)).items() if name in wanted)
+
+
+def _means(run: Source[RestsSection]) -> Observations:
+    if run.method.free and run.sensor.only("w").axes:
+        raise InputError(
+            f"{run.path}: [data] kind means holds no rotations: leave [sensor.gyro] out, or "
+            "give the recording"
+        )
+    seconds = run.data.seconds
+    if seconds is None and any(isinstance(step, Turn) for step in run.steps):
+        raise InputError(f"{run.path}: [data] seconds is missing: the column of turns' durations")
+    return read_means(
+        run.file(run.data.file),
+        columns(run),
+        run.sensor,
+        stated_sd(run),
+        None if seconds is None else str(seconds),
+        _visits if _returning(run) else tuple,
+    )
+
+
+def _planned_sections(
+    run: Source[RestsSection], recording: Recording
+) -> tuple[tuple[Mark, ...], Observations, tuple[Finding, ...]]:
+    """Return the sections of the plan's steps: marks, means, what was noticed."""
+    steps = nominal(run)
+    labels, missing = [step.label for step in steps], tuple[Finding, ...]()
+    if run.data.marks == "found":
+        found = find_sections(recording, run.sensor, steps)
+        marks, missing = found.marks, found.findings
+        if not marks:
+            raise InputError(
+                f"{recording.source}: no rest fits a position of the plan, {', '.join(labels)}: "
+                f"{found.words}"
+            )
+    else:
+        marks = _stated_marks(run, recording)
+        if _returning(run):
+            names = _visits([mark.label for mark in marks])
+            marks = tuple(replace(m, label=name) for m, name in zip(marks, names, strict=True))
+            steps = tuple(_by_visit(run, len(marks)).values())
+            labels = [step.label for step in steps]
+    check_marks(marks, recording, labels)
+    holds = {step.label for step in steps if isinstance(step, Hold)}
+    moving = still_but_accepted(run, recording, [mark for mark in marks if mark.label in holds])
+    observations = averaged(recording, run.sensor, marks, steps, found=True, drifting=True)
+    if run.data.marks == "found":
+        observations = replace(observations, notes=(*observations.notes, _BY_READINGS))
+    if run.data.gyro and not run.sensor.only("w").axes:
+        note = f"the gyros were not looked at: method {run.method.name} finds nothing of them"
+        observations = replace(observations, notes=(*observations.notes, note))
+    findings = check_turn_ends(recording, run.sensor, marks, steps)
+    return marks, observations, recording.findings + missing + moving + findings
+
+
+def _planned(run: Source[RestsSection], observations: Observations) -> tuple[HandStep, ...]:
+    by_label = _by_visit(run, len(observations.labels))
+    unknown = [label for label in observations.labels if label not in by_label]
+    if unknown:
+        planned = ", ".join(step.label for step in nominal(run))
+        raise InputError(f"{run.data.file}: no step {unknown[0]!r} in the plan; it has {planned}")
+    return tuple(by_label[label] for label in observations.labels)
+
+
+def _free_rests(
+    run: Source[RestsSection], recording: Recording, rests: FoundRests | None
+) -> tuple[tuple[Mark, ...], Observations, tuple[Finding, ...]]:
+    """Return rests in any attitude and the ways between them: marks, means, what was noticed."""
+    findings = recording.findings
+    if rests is not None:
+        marks, findings = rests.marks, (*findings, rests.finding)
+    else:
+        marks = _stated_marks(run, recording)
+        check_marks(marks, recording, [mark.label for mark in marks])
+    marks, left_out = unflawed(recording, run.sensor, marks)
+    if rests is None:
+        findings = (*findings, *still_but_accepted(run, recording, marks))
+    elif run.data.accept_moving is not None:
+        raise InputError(
+            f"{run.path}: [data] accept_moving goes with marks of your own: rests that are found "
+            "are still"
+        )
+    observations = averaged(recording, run.sensor, marks, as_found(marks), by_hand=True, found=True)
+    if run.sensor.only("w").axes:
+        cut = () if rests is None else jumps(recording, run.sensor, rests.marks, rests.other_parts)
+        observations = replace(
+            observations,
+            passages=between_rests(recording, run.sensor, marks),
+            halves=within_rests(recording, run.sensor, marks),
+            tests=(*observations.tests, *cut),
+        )
+    return marks, observations, findings + left_out
+
+
+def _stated_marks(run: Source[RestsSection], recording: Recording) -> tuple[Mark, ...]:
+    if run.data.marks == "labels":
+        return marks_from_labels(recording, again=_returning(run))
+    return as_read(marks_from_file(run.file(run.data.marks)), recording)
+
+
+def _conditions(run: Source[RestsSection], bench: Hand) -> dict[str, str]:
+    conditions = {"gravity": readable(bench.gravity.value, bench.gravity.sd, "m/s²")}
+    if not run.method.free:
+        conditions |= {
+            "tilt of faces (k = 1)": readable(bench.tilt, 0.0, "°"),
+            "angle of turns (k = 1)": readable(bench.turn_angle, 0.0, "°"),
+        }
+    return conditions
+
+
+def rests(run: Source[RestsSection], recording: Recording) -> FoundRests:
+    """Return the rests that were found in a recording that was refused."""
+    if run.data.marks != "found" or run.method.free:
+        return seen_rests(run, recording)
+    found = search_sections(recording, run.sensor, nominal(run))
+    named = {(mark.start, mark.stop): mark.label for mark in found.marks}
+    marks = tuple(
+        replace(rest, label=named.get((rest.start, rest.stop), rest.label)) for rest in found.rests
+    )
+    return FoundRests(marks, found.levels, WINDOW, Finding("note", "rests", found.words))

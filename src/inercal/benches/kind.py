@@ -1,0 +1,228 @@
+"""A kind of bench: all that the rest of the package knows of it.
+
+One object of this type, registered under `inercal.benches`, is a kind of bench. Its functions
+return data: what is drawn and printed, report and terminal draw and print.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches.contract import Bench, Simulated, SimulatedMotion
+from inercal.benches.report import Columns, Direction, Plot, Shown, by_mean_motion, row_in_words
+from inercal.benches.sheet import Sheet
+from inercal.data import DataSection, Gathered, Source
+from inercal.errors import InputError
+from inercal.plan import Step
+from inercal.recording import Recording
+from inercal.segments import FoundRests
+from inercal.sensors import Noise, Readout, Sensor, imu, triad
+from inercal.settings import BenchSection
+from inercal.units import Measured
+
+Array = NDArray[np.float64]
+B = TypeVar("B", bound=Bench)
+D = TypeVar("D", bound=DataSection)
+Output = tuple[Readout, Noise]
+Plan = Callable[[], tuple[Step, ...]]
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A known effect that a bench corrects for.
+
+    Parameters
+    ----------
+    name : str
+    field : str
+        Of the bench, that holds its value.
+    absent : Measured or float
+        The field's value without the effect.
+    unit, per : str and float
+        The value as printed: unit, and how many of it one SI unit is.
+    on_rates : bool
+        Whether gyros alone feel it.
+    """
+
+    name: str
+    field: str
+    absent: Measured | float
+    unit: str
+    per: float
+    on_rates: bool = False
+
+
+@dataclass(frozen=True)
+class Vocabulary:
+    """What reports and messages call things on a kind of bench.
+
+    Parameters
+    ----------
+    row : str
+        One row of the observations, "state or mounting".
+    turner : str
+        What turns the sensor, "table".
+    rows : str
+        The rows at rates, "states".
+    attitudes : str
+        Heading of the table of rows.
+    components : str
+        What components of the bench's errors are, where that is to be said.
+    unjudged : str
+        What residuals show where the rows leave no degrees of freedom.
+    """
+
+    row: str = "position or turn"
+    turner: str = "arm"
+    rows: str = "rows"
+    attitudes: str = "Attitudes covered"
+    components: str = "Components 1 and 2 are at right angles to the nominal direction."
+    unjudged: str = ""
+
+
+def possible(bench: Any, steps: Sequence[Any]) -> str:
+    """Refuse no budget."""
+    return ""
+
+
+def three_axes(
+    name: str, columns: tuple[str | int, ...], accelerometer: Output, gyro: Output | None
+) -> Sensor:
+    """Return a triad, or an IMU where gyros are stated; without coefficients.
+
+    Parameters
+    ----------
+    name : str
+    columns : tuple of str or int
+        [data] accelerometer.
+    accelerometer, gyro : tuple of Readout and Noise
+        Of each axis.
+
+    Raises
+    ------
+    InputError
+        Another number of columns than three.
+    """
+    if len(columns) != len("xyz"):
+        raise InputError(f"[data] accelerometer: {len(columns)} columns; name three, of x, y, z")
+    return triad(name, "f", "a", *accelerometer) if gyro is None else imu(name, accelerometer, gyro)
+
+
+def as_planned(options: Mapping[str, Any], bench: Any, folder: Path, plan: Plan) -> Plan:
+    """Return the method's plan as it is."""
+    return plan
+
+
+def as_read(recording: Recording, sensor: Sensor, bench: Any) -> Recording:
+    """Return the recording as it is."""
+    return recording
+
+
+def no_files(run: Source[Any], done: SimulatedMotion, rng: np.random.Generator) -> dict[str, Any]:
+    """Return no further files."""
+    return {}
+
+
+def no_plots(shown: Shown) -> tuple[Plot, ...]:
+    """Return no plots."""
+    return ()
+
+
+def no_tables(run: Source[Any], shown: Shown) -> dict[str, Columns]:
+    """Return no tables."""
+    return {}
+
+
+def no_rests(run: Source[Any], recording: Recording) -> FoundRests | None:
+    """Return that such a bench has no rests."""
+    return None
+
+
+@dataclass(frozen=True)
+class Kind(Generic[B, D]):
+    """A kind of bench.
+
+    Parameters
+    ----------
+    name : str
+        [bench] kind.
+    bench : type
+        A dataclass, `Bench`.
+    section : type
+        [bench] of a run file, a `BenchSection` with the key `kind`.
+    data : type
+        [data] of a run file, a `DataSection`.
+    build : callable
+        From the section, and the folder in which files lie that it names, to the bench.
+    steps : tuple of type
+        The kinds of steps that it carries out.
+    observe : callable
+        From a run to what an estimator needs: a recording or a table of means is read.
+    simulate : callable
+        From bench, steps, samples per second, generator, number of trials, sensor, and whether the
+        sensor stays in the hand between steps.
+    seconds : callable
+        How long steps last at most, s.
+    words : Vocabulary
+    effects : tuple of Effect
+        That a budget lists.
+    refuses_budget : callable
+        Returns why a budget of a plan is not possible; "" where it is.
+    rows_of_table : bool
+        Whether a table of means says which states there are, not the method's plan: a budget then
+        asks for a plan.
+    sampled : bool
+        Whether methods follow every sample on it, and do not take means of steps.
+    sensor : callable
+        What stands on the bench, from its name, [data] accelerometer, readout and noise.
+    plan : callable
+        From the keys of [method] that say something of the plan, the bench and the run file's
+        folder, and the method's plan, to the plan of a run.
+    audit : callable
+        What is to be noticed in a recording before anything is made of it.
+    files : callable
+        Recordings that a simulation writes beside the first, by the names in [data].
+    sheet : callable or None
+        What the operator does; None where plans are fixed.
+    rests : callable
+        The rests that were found in a recording that was refused; None has no rests.
+    directions : callable
+        The measured direction of each row; none are drawn where there is none.
+    plots : callable
+        Further figures of the report.
+    row : callable
+        What a row was, in words.
+    tables : callable
+        Tables beside the calibration, by what they hold: "states".
+    """
+
+    name: str
+    bench: type[B]
+    section: type[BenchSection]
+    data: type[D]
+    build: Callable[[Any, Path], B]
+    steps: tuple[type, ...]
+    observe: Callable[[Source[D]], Gathered]
+    simulate: Callable[[B, Sequence[Any], float, np.random.Generator, int, Sensor, bool], Simulated]
+    seconds: Callable[[B, Sequence[Any]], float]
+    words: Vocabulary = Vocabulary()
+    effects: tuple[Effect, ...] = ()
+    refuses_budget: Callable[[B, Sequence[Any]], str] = possible
+    rows_of_table: bool = False
+    sampled: bool = False
+    sensor: Callable[[str, tuple[str | int, ...], Output, Output | None], Sensor] = three_axes
+    plan: Callable[[Mapping[str, Any], B, Path, Plan], Plan] = as_planned
+    audit: Callable[[Recording, Sensor, B], Recording] = as_read
+    files: Callable[[Source[D], SimulatedMotion, np.random.Generator], dict[str, Recording]] = (
+        no_files
+    )
+    sheet: Callable[[Source[D]], Sheet] | None = None
+    rests: Callable[[Source[D], Recording], FoundRests | None] = no_rests
+    directions: Callable[[Shown], tuple[Direction, ...]] = by_mean_motion
+    plots: Callable[[Shown], tuple[Plot, ...]] = no_plots
+    row: Callable[[Step, Shown, int], str] = row_in_words
+    tables: Callable[[Source[D], Shown], Mapping[str, Columns]] = no_tables

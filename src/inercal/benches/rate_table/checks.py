@@ -1,0 +1,170 @@
+"""Checks of a rate table's states against what the readings say: the rates' unit, the axes."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import permutations, product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches.rate_table.bench import RateTable, felt
+from inercal.benches.rate_table.settings import RateTableData
+from inercal.data import Source
+from inercal.data.load import readback_units
+from inercal.errors import InputError
+from inercal.plan import Spin
+from inercal.recording import Observations, Recording
+from inercal.segments.dwells import ARM_RATE
+from inercal.sensors import G0
+from inercal.sensors.affine import Affine
+from inercal.units import factor
+
+Array = NDArray[np.float64]
+_OFF = 0.2  # of a norm, once a rough model of the triad is taken out of the readings
+_USABLE = (0.5, 2.0)  # times nominal: scale factors of a triad that a run file states rightly
+_DETERMINED = 0.05  # of the largest singular value: below, rows do not determine a triad
+_ALIKE = 1e-3  # g: residuals below weigh alike
+_REWEIGHTED = 20
+_UNITS = ("rad/s", "rpm", "rev/s", "°/s")
+_FEWEST = 4  # states that tell which axis is which
+_FAST = 0.9  # of the fastest rate: samples that tell the unit
+
+
+def require_unit(run: Source[RateTableData], recording: Recording, bench: RateTable) -> None:
+    """Refuse a recording whose samples at the fastest rate tell another unit than stated.
+
+    Parameters
+    ----------
+    run : Run
+    recording : Recording
+        With readback "arm_rate", rad/s by the stated unit.
+    bench : RateTable
+
+    Raises
+    ------
+    InputError
+        Naming the unit that fits.
+    """
+    rate = np.abs(recording.readback[ARM_RATE])
+    fast = rate > _FAST * rate.max()
+    if not fast.any():
+        return
+    columns = [recording.channels.index(name) for name in run.sensor.channels]
+    read = np.linalg.norm(run.sensor.to_si(recording.data[fast][:, columns]), axis=-1)
+
+    def off(times: float) -> float:
+        made = np.hypot(bench.radius.value * (rate[fast] * times) ** 2, bench.gravity.value)
+        return float(abs(np.median(read / made) - 1))
+
+    if off(1.0) > _OFF:
+        _refuse_unit(run, off)
+
+
+def _refuse_unit(run: Source[RateTableData], off: Callable[[float], float]) -> None:
+    """Refuse rates in another unit; `off` is how far norms are off at rates times as large."""
+    given = readback_units(run)["arm_rate"]
+    for unit in _UNITS:
+        if off(factor(unit, "rad/s") / given) < _OFF / 2:
+            raise InputError(
+                f"{run.path}: [data] arm_rate_unit: by the norms of the readings the rates are in "
+                f'{unit}, not in {run.data.arm_rate_unit}; state arm_rate_unit = "{unit}"'
+            )
+
+
+def _made(bench: RateTable, steps: Sequence[Spin], times: float = 1.0) -> Array:
+    """Return what is felt nominally, (r, 3) m/s², at rates `times` as large."""
+    return felt(bench, [replace(step, rate=step.rate * times) for step in steps], {}).f
+
+
+def _triad(read: Array, made: Array) -> Affine | None:
+    """Return a rough model of the triad, M a + p = f, in m/s²: by least absolute deviations.
+
+    A sensor as delivered may have a bias of 0.3 g and a scale factor 20 % off. It is judged by what
+    is left once that is taken out, so that what remains to be noticed is a mistake. One wrong row
+    bends least absolute deviations little.
+
+    Parameters
+    ----------
+    read, made : (r, 3) arrays
+        Readings, and the nominal specific force, m/s².
+
+    Returns
+    -------
+    Affine or None
+        None where the rows do not determine it, or it is that of no usable sensor.
+    """
+    columns = np.concatenate([made, np.full((len(made), 1), G0)], axis=-1)
+    size = np.linalg.svd(columns, compute_uv=False)
+    if len(columns) < columns.shape[1] or size[-1] < _DETERMINED * size[0]:
+        return None
+    weight = np.ones(len(read))
+    solved = np.zeros((4, 3))
+    for _ in range(_REWEIGHTED):
+        root = np.sqrt(weight)[:, None]
+        solved = np.linalg.lstsq(root * columns, root * read, rcond=None)[0]
+        left = np.linalg.norm(read - columns @ solved, axis=-1)
+        weight = 1 / np.maximum(left, _ALIKE * G0)
+    scale = np.linalg.svd(solved[:3], compute_uv=False)
+    if scale[-1] < _USABLE[0] or scale[0] > _USABLE[1]:
+        return None
+    return Affine(np.asarray(solved[:3].T, dtype=float), solved[3] * G0).inverse
+
+
+def require_rates(
+    run: Source[RateTableData], observations: Observations, bench: RateTable, steps: Sequence[Spin]
+) -> None:
+    """Refuse rates in another unit than stated: the norms of the readings tell.
+
+    Norms are those of the readings once a rough model of the triad has corrected them.
+    """
+    turning = np.array([step.rate != 0 for step in steps])
+    if not turning.any():
+        return
+
+    def norms(times: float) -> tuple[Array, Array]:
+        made = _made(bench, steps, times)
+        model = _triad(observations.mean, made)
+        read = observations.mean if model is None else model.correct(observations.mean)
+        return np.linalg.norm(read, axis=-1), np.linalg.norm(made, axis=-1)
+
+    def off(times: float) -> float:
+        read, made = norms(times)
+        return float(np.max(np.abs(read / made - 1)[turning]))
+
+    if off(1.0) <= _OFF:
+        return
+    _refuse_unit(run, off)
+    read, made = norms(1.0)
+    worst = int(np.argmax(np.abs(read / made - 1) * turning))
+    raise InputError(
+        f"{run.path}: {steps[worst].label}: the readings' norm is {read[worst]:.4g} m/s² where "
+        f"radius and rate make {made[worst]:.4g}; look at arm_rate_unit, [bench] radius and the "
+        "scale in [sensor.accelerometer]"
+    )
+
+
+def require_axes(
+    run: Source[RateTableData], observations: Observations, bench: RateTable, steps: Sequence[Spin]
+) -> None:
+    """Refuse columns that are exchanged or reversed: they fit far better otherwise."""
+    if len(steps) < _FEWEST:
+        return
+    made, read = _made(bench, steps), observations.mean
+    model = _triad(read, made)
+    if model is not None:
+        # Its bias is no sign of a wrong axis: what remains is how its axes stand.
+        read = read - model.inverse.offset
+    fits = {
+        (order, signs): float(np.sum((read[:, order] * np.array(signs) - made) ** 2))
+        for order in permutations(range(3))
+        for signs in product((1, -1), repeat=3)
+    }
+    straight, best = fits[(0, 1, 2), (1, 1, 1)], min(fits, key=lambda key: fits[key])
+    if fits[best] < straight / 10 and best != ((0, 1, 2), (1, 1, 1)):
+        given = run.data.accelerometer
+        order = ", ".join(f"{'−' * (s < 0)}{given[k]}" for k, s in zip(*best, strict=True))
+        raise InputError(
+            f"{run.path}: [data] accelerometer: the readings fit the mountings as x, y, z = "
+            f"{order}, not as {', '.join(map(str, given))}: look at the columns' order and at how "
+            "the sensor was mounted"
+        )

@@ -1,0 +1,188 @@
+"""From a table of states on a rate table to observations: mounting, rate, mean of each axis."""
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from math import pi, radians
+from pathlib import Path
+from typing import NamedTuple, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches.rate_table.bench import RateTable, mountings, speeds
+from inercal.benches.rate_table.checks import require_axes, require_rates, require_unit
+from inercal.benches.rate_table.fixture import PLANES, Plane, mounting
+from inercal.benches.rate_table.settings import RateTableData
+from inercal.data import Gathered, Source
+from inercal.data.load import (
+    columns,
+    load_recording,
+    plain,
+    readback_columns,
+    readback_units,
+    stated_sd,
+)
+from inercal.errors import InputError
+from inercal.io.means import means_of, numbers_of, read_columns
+from inercal.io.table import Table
+from inercal.plan import Attitude, Spin
+from inercal.recording import Finding, Mark, Observations, Recording, joined
+from inercal.segments import average_dwells, find_dwells, find_stands, left_out
+from inercal.segments import observe as averaged
+from inercal.segments.dwells import ARM_RATE
+from inercal.units import readable
+
+Array = NDArray[np.float64]
+_ANGLE = r"(-?\d+(?:\.\d+)?)\s*°?"
+_NAME = re.compile(rf"({'|'.join(PLANES)})(?:[ _]*{_ANGLE}(?:\s*\+\s*{_ANGLE})?)?")
+_MOST_TILT = 360.0  # °
+
+
+def observe(run: Source[RateTableData]) -> Gathered:
+    """Return the observations of a run on a rate table.
+
+    Raises
+    ------
+    InputError
+        The data cannot be used.
+    """
+    bench: RateTable = run.bench
+    if run.data.seconds is not None:
+        raise InputError(f"{run.path}: [data] seconds: states are means; leave it out")
+    made = _table(run) if run.data.kind == "means" else states_of(run, load_recording(run))
+    require_rates(run, made.observations, bench, made.steps)
+    require_axes(run, made.observations, bench, made.steps)
+    return Gathered(
+        made.recording,
+        made.marks,
+        made.observations,
+        made.steps,
+        made.steps,
+        made.findings,
+        _conditions(bench, made.steps),
+    )
+
+
+class States(NamedTuple):
+    """What a table or a recording holds."""
+
+    observations: Observations
+    steps: tuple[Spin, ...]
+    recording: Recording | None = None
+    marks: tuple[Mark, ...] = ()
+    findings: tuple[Finding, ...] = ()
+
+
+def _table(run: Source[RateTableData]) -> States:
+    named, units = readback_columns(run), readback_units(run)
+    wanted = columns(run)
+    path = run.file(run.data.file)
+    where = str(run.data.mounting)
+    table = read_columns(path, wanted, [where, named["arm_rate"]])
+    rates = numbers_of(path, table, named["arm_rate"], "give the rate, 0 at rest,")
+    rates = rates * units["arm_rate"]
+    poses = [
+        _pose(plain(text), f"{path} line {table.first_line + k}: column {where!r}")
+        for k, text in enumerate(table.columns[where].tolist())
+    ]
+    labels = _labels(poses, rates)
+    durations = np.ones(len(labels))  # nothing depends on them
+    observations = means_of(path, table, labels, wanted, run.sensor, stated_sd(run), durations)
+    steps = tuple(
+        Spin(label, rate, 0.0, pose)
+        for label, rate, pose in zip(labels, rates.tolist(), poses, strict=True)
+    )
+    used = [where, named["arm_rate"], *(name for _, name, _ in wanted.channels)]
+    return States(observations, steps, findings=_twice(path, table, used))
+
+
+def _twice(path: Path, table: Table, used: Sequence[str]) -> tuple[Finding, ...]:
+    """Warn of rows that are another one's copy: each would count as a state of its own."""
+    first: dict[tuple[object, ...], int] = {}
+    found: list[Finding] = []
+    for k, row in enumerate(zip(*(table.columns[name].tolist() for name in used), strict=True)):
+        if (same := first.setdefault(row, k)) != k:
+            lines = f"lines {table.first_line + same} and {table.first_line + k}"
+            text = f"{lines} of {path.name} are the same to the last digit: is one a copy?"
+            found.append(Finding("warning", "repeated", text))
+    return tuple(found)
+
+
+def states_of(run: Source[RateTableData], recording: Recording) -> States:
+    """Reduce a recording: rests as they are, what turns over whole turns once it is steady.
+
+    Parameters
+    ----------
+    run : Run
+    recording : Recording
+        As it is read: with labels, which name mountings, and "arm_rate" in the unit of its column.
+
+    Raises
+    ------
+    InputError
+        No dwell, too few turns, or a label that is no mounting.
+    """
+    size = readback_units(run)["arm_rate"]
+    recording = replace(recording, readback={ARM_RATE: recording.readback[ARM_RATE] * size})
+    require_unit(run, recording, run.bench)
+    dwells, flawed = find_dwells(recording, "table")
+    turning, spun = average_dwells(recording, run.sensor, dwells)
+    rests, also = find_stands(recording)
+    names = [mark.label for mark in rests]
+    held = [Spin(name, 0.0) for name in names]
+    both = averaged(recording, run.sensor, rests, held, found=True) if rests else None
+    observations = turning if both is None else joined(turning, both)
+    marks = (*(dwell.mark for dwell in dwells), *rests)
+    assert recording.labels is not None
+    steps: list[Spin] = []
+    for step, mark in zip((*spun, *held), marks, strict=True):
+        text, where = str(recording.labels[mark.start]), recording.where(mark.start)
+        pose = _pose(text, f"{recording.source} {where}: column {str(run.data.mounting)!r}")
+        steps.append(replace(step, attitude=pose))
+    flawed += also
+    findings = recording.findings + flawed + left_out(recording, marks, flawed)
+    return States(observations, tuple(steps), recording, marks, findings)
+
+
+def _pose(text: str, where: str) -> Attitude:
+    found = _NAME.fullmatch(text.strip())
+    if found is None:
+        raise InputError(
+            f"{where} is {text!r}; a mounting is {', '.join(PLANES)}, with a tilt in ° where it is "
+            'tilted, "XY 30", and a second one where there are two, "XY 135 + 45"'
+        )
+    plane, first, second = found.groups()
+    far = [tilt for tilt in (first, second) if tilt is not None and abs(float(tilt)) > _MOST_TILT]
+    if far:
+        raise InputError(f"{where} is {text!r}: a tilt of {far[0]}° is more than a whole turn")
+    return mounting(
+        cast("Plane", plane),
+        radians(float(first or 0)),
+        None if second is None else radians(float(second)),
+    )
+
+
+def _labels(poses: Sequence[Attitude], rates: Array) -> tuple[str, ...]:
+    count: Counter[str] = Counter()
+    found: list[str] = []
+    for pose, rate in zip(poses, (rates * 30 / pi).tolist(), strict=True):
+        name = f"{pose.name} at {rate:.6g} rpm"
+        count[name] += 1
+        found.append(name if count[name] == 1 else f"{name} ({count[name]})")
+    return tuple(found)
+
+
+def _conditions(bench: RateTable, steps: Sequence[Spin]) -> dict[str, str]:
+    in_all, at = len(set(mountings(steps))), len(set(speeds(steps)))
+    return {
+        "gravity": readable(bench.gravity.value, bench.gravity.sd, "m/s²"),
+        "radius": readable(bench.radius.value, bench.radius.sd, "m"),
+        "states": f"{len(steps)}, in {in_all} mountings at {at} speeds",
+        "angles of each mounting (k = 1)": readable(bench.pose, 0.0, "°"),
+        "radius of each mounting (k = 1)": readable(bench.seat, 0.0, "mm"),
+        "rate, common to all (k = 1)": readable(bench.rate, 0.0, "%"),
+        "speed (k = 1)": readable(bench.speed, 0.0, "%"),
+        "lean at rest, two components (k = 1)": readable(bench.lean, 0.0, "°"),
+    }

@@ -1,0 +1,52 @@
+"""What each axis reads beyond what it felt on a rate table, by speed: as it came, and corrected."""
+
+from math import pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches.rate_table.bench import felt
+from inercal.benches.report import Panel, Plot, Series, Shown
+from inercal.plan import Spin
+from inercal.sensors import G0
+
+Array = NDArray[np.float64]
+_MG = 1e-3 * G0
+
+
+def deviations(shown: Shown) -> tuple[Array, Array, Array]:
+    """Return the rates, (r,) r/min, and what readings are off as they came and corrected, (r, 3).
+
+    In m/s², against what was felt nominally: the errors of mountings are in both.
+    """
+    spins = [step for step in shown.steps if isinstance(step, Spin)]
+    made = felt(shown.bench, spins, {}).f
+    mean, corrected = shown.observations.mean, shown.felt().f
+    rates = np.array([abs(step.rate) for step in spins]) * 30 / pi
+    return rates, mean - made, corrected - made
+
+
+def plots(shown: Shown) -> tuple[Plot, ...]:
+    """Return the deviations of each axis against the rate, as in the source's Figs. 3 to 9."""
+    rates, before, after = deviations(shown)
+    panels = tuple(
+        Panel(
+            channel,
+            "r/min",
+            (
+                Series(rates, before[:, k] / _MG, "as read", hollow=True),
+                Series(rates, after[:, k] / _MG, "corrected"),
+            ),
+        )
+        for k, channel in enumerate(shown.observations.channels)
+    )
+    return (
+        Plot(
+            "speeds",
+            "Deviations of each axis by speed, as read and corrected",
+            "What each axis reads beyond what its state makes it feel nominally, as read and "
+            "corrected. What is left at all speeds of a mounting is how it stood.",
+            "beyond what was felt, mg",
+            panels,
+        ),
+    )

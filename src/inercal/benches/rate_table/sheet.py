@@ -1,0 +1,75 @@
+"""The worksheet of a run on a rate table: its states."""
+
+from collections.abc import Sequence
+from math import pi
+
+import numpy as np
+
+from inercal.benches.rate_table.bench import felt, mountings
+from inercal.benches.rate_table.fixture import PLANES, by_mounting, tilted
+from inercal.benches.rate_table.settings import RateTableData
+from inercal.benches.sheet import Heading, Row, Sheet
+from inercal.data import Source
+from inercal.data.load import readback_units
+from inercal.plan import Hold, Spin
+from inercal.sensors import G0
+
+
+def sheet(run: Source[RateTableData]) -> Sheet:
+    """Return the states of a run, mounting by mounting, in each by speed."""
+    planned = [step for step in run.steps if isinstance(step, Spin)]
+    steps = [step for own in by_mounting(planned) for step in own]
+    names, data, size = mountings(steps), run.data, readback_units(run)["arm_rate"]
+    rows: list[Row] = []
+    for k, (name, step, f) in enumerate(
+        zip(names, steps, felt(run.bench, steps, {}).f, strict=True), start=1
+    ):
+        assert step.attitude is not None
+        rpm, up = step.rate * 30 / pi, Hold("", step.attitude.up, 0.0).in_words()
+        reads = [f"{x + 0.0:+.3f}".replace("-", "−") for x in np.asarray(f / G0).round(3).tolist()]
+        rows.append(
+            Row(
+                step.label,
+                (str(k), name, up, f"{rpm:.4g}", f"{step.seconds:g} s", *reads),
+                step.seconds,
+                name,
+                (name, f"{step.rate / size:.12g}"),
+                {"mounting": name, "up": up, "rpm": rpm, "felt": f.tolist()},
+            )
+        )
+    minutes = sum(step.seconds for step in steps) / 60
+    return Sheet(
+        f"{len(rows)} states, {minutes:.3g} min in all",
+        (
+            Heading("row", right=True),
+            Heading("mounting"),
+            Heading("up"),
+            Heading("r/min", right=True),
+            Heading("for", right=True),
+            *(Heading(f"{channel}, g", right=True) for channel in run.sensor.channels),
+        ),
+        tuple(rows),
+        _notes(steps, names),
+        (data.mounting, data.arm_rate, *data.accelerometer),
+    )
+
+
+def _notes(steps: Sequence[Spin], names: Sequence[str]) -> tuple[str, ...]:
+    level = ", ".join(
+        f"{plane} is {centre} to the centre and {up} up"
+        for plane, (centre, up) in PLANES.items()
+        if any(name.startswith(plane) for name in names)
+    )
+    found = [f"Mountings: {level}."]
+    if any(tilted(step) for step in steps):
+        found.append(
+            "XY 30 is XY turned by 30° about the tangential direction, the axis that was toward "
+            "the centre rising: mind which axis comes up."
+        )
+    return (
+        *found,
+        "Leave a mounting for all its speeds; its angles and its radius are then the same.",
+        "At each speed wait until the rate is steady, then take the mean over whole turns.",
+        "Readings are said for a sensor without errors: look for exchanged or reversed axes.",
+        "A state that went wrong is taken out: its row goes from the file.",
+    )

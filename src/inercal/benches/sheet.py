@@ -1,0 +1,86 @@
+"""What the operator of a bench does, as data: rows to carry out, and a table to be filled."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Heading:
+    """A column of a sheet as it is printed."""
+
+    text: str
+    right: bool = False
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row of a sheet.
+
+    Parameters
+    ----------
+    label : str
+        Of the step.
+    cells : tuple of str
+        As they are printed, one a heading.
+    seconds : float
+        How long it lasts.
+    group : str
+        Rows of one group stand together: a mounting, a pass.
+    given : tuple of str
+        What is set, in the first columns of the table to be filled.
+    facts : mapping of str to Any
+        For JSON, beside label and seconds.
+    idle : frozenset of str
+        Boxes of the printed page that stay empty here.
+    """
+
+    label: str
+    cells: tuple[str, ...]
+    seconds: float
+    group: str = ""
+    given: tuple[str, ...] = ()
+    facts: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    idle: frozenset[str] = frozenset()
+
+
+@dataclass(frozen=True)
+class Box:
+    """What is filled in by hand on the printed page: its name and unit."""
+
+    name: str
+    unit: str
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """A plan on a bench, row by row.
+
+    Parameters
+    ----------
+    title : str
+        "12 positions, 600 s of holding in all".
+    headings : tuple of Heading
+    rows : tuple of Row
+    notes : tuple of str
+        What holds for all rows, in words.
+    columns : tuple of str, int or None
+        Of the table to be filled, as [data] names them; None is left out.
+    boxes : tuple of Box
+        Of the printed page; without boxes there is none.
+    facts : tuple of str
+        Of the bench, for the head of the page.
+    """
+
+    title: str
+    headings: tuple[Heading, ...]
+    rows: tuple[Row, ...]
+    notes: tuple[str, ...]
+    columns: tuple[str | int | None, ...]
+    boxes: tuple[Box, ...] = ()
+    facts: tuple[str, ...] = ()
+
+    @property
+    def seconds(self) -> float:
+        """Of all rows."""
+        return sum(row.seconds for row in self.rows)

@@ -1,0 +1,36 @@
+"""Rests of a recording that a calibration refused, as far as they can be shown."""
+
+from inercal.data.section import DataSection
+from inercal.data.source import Source
+from inercal.errors import InputError
+from inercal.io.marks import as_read, marks_from_file
+from inercal.recording import Finding, Mark, Recording
+from inercal.segments import (
+    FoundRests,
+    check_marks,
+    find_rests,
+    judged_levels,
+    marks_from_labels,
+)
+from inercal.segments.levels import WINDOW
+
+
+def seen_rests(run: Source[DataSection], recording: Recording) -> FoundRests:
+    """Return the rests that were found without a plan, or the marked sections."""
+    if run.data.marks == "found":
+        try:
+            return find_rests(recording, run.sensor)
+        except InputError as error:
+            marks, text = (), str(error)
+    else:
+        labelled = run.data.marks == "labels"
+        marks = marks_from_labels(recording) if labelled else _from_file(run, recording)
+        text = f"{len(marks)} sections are marked"
+    levels = judged_levels(recording, run.sensor)
+    return FoundRests(marks, levels, WINDOW, Finding("note", "rests", text))
+
+
+def _from_file(run: Source[DataSection], recording: Recording) -> tuple[Mark, ...]:
+    marks = as_read(marks_from_file(run.file(run.data.marks)), recording)
+    check_marks(marks, recording, [mark.label for mark in marks])
+    return marks

@@ -1,0 +1,85 @@
+"""The worksheet of a run: what its operator does, the table to be filled, and what it will give."""
+
+import csv
+from dataclasses import dataclass
+from io import StringIO
+
+from inercal.benches.sheet import Sheet
+from inercal.design.known import Known, alone, estimate_of_plan
+from inercal.errors import InputError
+from inercal.estimate import Estimate
+from inercal.methods.dual_orthogonal.together import together
+from inercal.runfile import Run
+from inercal.sensors import Sensor
+
+
+@dataclass(frozen=True, eq=False)
+class Worksheet:
+    """What the operator does, and what it will give.
+
+    Parameters
+    ----------
+    run : Run
+    sheet : Sheet
+    expected : tuple of Known
+        Of each coefficient.
+    together : tuple of Known
+        Of sums that are known far better than their terms.
+    """
+
+    run: Run
+    sheet: Sheet
+    expected: tuple[Known, ...]
+    together: tuple[Known, ...]
+
+
+def worksheet(run: Run) -> Worksheet:
+    """Return the worksheet of a run. Its data are not looked at.
+
+    Raises
+    ------
+    InputError
+        A bench whose plans are fixed, a plan that it cannot carry out, or no noise.
+    NotObserved
+        Coefficients that the plan leaves open.
+    """
+    if run.kind.sheet is None:
+        raise InputError(f"{run.path}: a bench of kind {run.kind.name} has no worksheet")
+    sheet = run.kind.sheet(run)
+    estimate = estimate_of_plan(run, run.kind.words.rows)
+    return Worksheet(
+        run,
+        sheet,
+        alone(estimate, run.sensor),
+        _together(estimate, run.sensor, run.bench.gravity.value),
+    )
+
+
+def as_csv(made: Worksheet) -> str:
+    """Return the table to be filled, CSV: what is set stands in it, what is read is empty.
+
+    Filled, it is the [data] file of a run with kind = "means".
+
+    Raises
+    ------
+    InputError
+        A column that is given by its number.
+    """
+    columns = [column for column in made.sheet.columns if column is not None]
+    for column in columns:
+        if isinstance(column, int):
+            raise InputError(
+                f"{made.run.path}: [data] gives column {column} by its number; a worksheet needs "
+                "the names of its columns"
+            )
+    text = StringIO()
+    lines = csv.writer(text, lineterminator="\n")
+    lines.writerow(columns)
+    for row in made.sheet.rows:
+        lines.writerow([*row.given, *[""] * (len(columns) - len(row.given))])
+    return text.getvalue()
+
+
+def _together(estimate: Estimate, sensor: Sensor, g: float) -> tuple[Known, ...]:
+    lines = [(one, sensor.coefficient(one.terms[0])) for one in together(estimate, g)]
+    return tuple(Known(one.name, one.meaning, line.unit, line.si, one.sd) for one, line in lines)
