@@ -8,11 +8,11 @@ import pytest
 from tests.runfile.texts import FERRARIS, SIX_POSITIONS, run_file
 
 from inercal.benches import Hand
+from inercal.benches.hand.reading import nominal
 from inercal.benches.hand.simulation import perform
 from inercal.errors import InputError, NotObserved
 from inercal.io.write import write_recording
 from inercal.pipeline import Outcome, apply, calibrate, named_as_in, simulate
-from inercal.pipeline.by_hand import nominal
 from inercal.recording import Recording
 from inercal.runfile import Run, read
 from inercal.sensors import G0

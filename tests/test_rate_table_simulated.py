@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from inercal.benches import RateTable
+from inercal.benches.rate_table.reading import states_of
 from inercal.errors import InputError
 from inercal.io.write import write_recording
 from inercal.pipeline import apply, calibrate, named_as_in, simulate
-from inercal.pipeline.on_table import states_of
 from inercal.report.tables import coefficients
 from inercal.runfile import Run, read
 

@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from inercal.cli.calibrate import run as command
 from inercal.errors import InputError
+from inercal.io.means import write_means
 from inercal.io.write import write_recording
 from inercal.pipeline import Outcome, calibrate, named_as_in, simulate
-from inercal.pipeline.states import write_states
 from inercal.plan import Spin
 from inercal.runfile import Run, read
 
@@ -25,8 +26,8 @@ def reduced(folder: Path) -> tuple[Run, Outcome, Path]:
     run = read(path)
     write_recording(named_as_in(run, simulate(run, 4)), run.file(run.data.file))
     outcome = calibrate(run)
-    states = write_states(run, outcome, folder / "ship.states.csv")
-    assert states is not None
+    states = folder / "ship.states.csv"
+    write_means(states, run.kind.tables(run, outcome)["states"])
     means = text.replace('file = "ship_recording.csv"', 'kind = "means"\nfile = "ship.states.csv"')
     # Of means the noise is in the columns of their deviations.
     for line in ('white = "300 µg/√Hz"\n', 'quantisation = "122.0703125 µg"  # one LSB\n'):
@@ -77,19 +78,22 @@ def test_the_table_gives_the_calibration_of_its_recording(tmp_path: Path):
     assert again.estimate.consistent
 
 
-def test_a_table_of_means_leaves_no_states(tmp_path: Path):
+def test_a_table_of_means_leaves_no_states():
     run = read(FOLDER / "ship.toml")
-    assert write_states(run, calibrate(run), tmp_path / "states.csv") is None
-    assert not list(tmp_path.iterdir())
+    assert not run.kind.tables(run, calibrate(run))
 
 
 def test_states_are_not_written_over_their_recording(tmp_path: Path):
-    run, outcome, _ = reduced(tmp_path)
+    run, _, states = reduced(tmp_path)
     recording = run.file(run.data.file)
-    before = recording.read_bytes()
-    with pytest.raises(InputError, match="is the recording, and its states would be written over"):
-        write_states(run, outcome, tmp_path / "." / recording.name)
-    assert recording.read_bytes() == before
+    recording.replace(states)
+    text = run.path.read_text(encoding="utf-8").replace(recording.name, states.name)
+    (tmp_path / "ship.toml").write_text(text, encoding="utf-8")
+    before, files = states.read_bytes(), set(tmp_path.iterdir())
+    with pytest.raises(InputError, match="is the recording, and a table of it would be written"):
+        command(tmp_path / "ship.toml", out=tmp_path, with_report=False, register=None)
+    assert states.read_bytes() == before
+    assert set(tmp_path.iterdir()) == files
 
 
 @pytest.mark.parametrize(

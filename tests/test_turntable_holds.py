@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from inercal.benches import Turntable
-from inercal.benches.turntable.reading import gather
+from inercal.benches.turntable.reading import observe
 from inercal.benches.turntable.reading.readback import with_angles
 from inercal.errors import InputError
 from inercal.io.write import write_recording
@@ -37,7 +37,7 @@ def recorded(run: Run, change: Callable[[Recording], Recording] = lambda made: m
 
 def track_of(run: Run) -> Track:
     assert isinstance(run.bench, Turntable)
-    track = gather(run, run.bench).observations.track
+    track = observe(run).observations.track
     assert track is not None
     return track
 
@@ -94,7 +94,7 @@ def test_a_hold_of_less_than_a_second_is_no_step_but_is_followed(tmp_path: Path)
 
     run = recorded(run_of(tmp_path), told(cut))
     assert isinstance(run.bench, Turntable)
-    gathered = gather(run, run.bench)
+    gathered = observe(run)
     assert "y down" not in gathered.observations.labels
     assert (track_of(run).hold == 3).sum() == 60
 

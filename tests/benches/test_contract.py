@@ -28,7 +28,7 @@ NEEDED: Mapping[str, Mapping[str, Any]] = {
 }
 
 
-def bench_of(kind: Kind[Any]) -> Any:
+def bench_of(kind: Kind[Any, Any]) -> Any:
     return kind.bench(gravity=GRAVITY, **NEEDED.get(kind.name, {}))
 
 
@@ -42,7 +42,7 @@ def plans() -> list[tuple[str, str]]:
     ]
 
 
-def steps_of(chosen: Method[Any, Any], kind: Kind[Any]) -> Sequence[Any]:
+def steps_of(chosen: Method[Any, Any], kind: Kind[Any, Any]) -> Sequence[Any]:
     return [step for step in chosen.plan() if isinstance(step, kind.steps)]
 
 

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from inercal.benches.hand.reading import nominal
 from inercal.pipeline import simulate
-from inercal.pipeline.by_hand import nominal
 from inercal.runfile import read
 from inercal.segments import marks_from_labels, observe
 

@@ -10,7 +10,7 @@ from tests.host.bench_log import LAYOUT, PATH, Bench, Faults, run_file
 
 import inercal
 from inercal.benches import Turntable
-from inercal.benches.turntable.reading import gather
+from inercal.benches.turntable.reading import observe
 from inercal.errors import InputError
 from inercal.host import record
 from inercal.host.assembly import Assembly
@@ -63,7 +63,7 @@ def followed(run: Run, logged: list[Frame], cuts: list[int]) -> Live:
 def by_recording(run: Run) -> dict[str, Filtered]:
     """Return what both filters make of the recording, as the pipeline gathers it."""
     assert isinstance(run.bench, Turntable)
-    track = gather(run, run.bench).observations.track
+    track = observe(run).observations.track
     assert track is not None
     way, priors = WAYS[run.estimator], apart(run.sensor, run.priors)
     return {

@@ -9,7 +9,7 @@ from tests import rest_biases
 from tests.host.benches import Ended, carried_out, made, plan
 
 from inercal.benches import Turntable
-from inercal.benches.turntable.reading import gather
+from inercal.benches.turntable.reading import observe
 from inercal.host.finish import Finished, finish
 from inercal.host.journal import Journal
 from inercal.host.simulated import SimulatedBench
@@ -45,7 +45,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Whole]:
             finished = finish(left, journal, ended.run.account.live)
             words = [event.words for event in journal.events()]
         assert isinstance(left.run.bench, Turntable)
-        track = gather(left.run, left.run.bench).observations.track
+        track = observe(left.run).observations.track
         assert track is not None
         yield Whole(ended, finished, left.run, track, words)
 

@@ -11,7 +11,7 @@ from tests import rest_biases
 from tests.host.bench_log import LAYOUT, PATH, Bench, Faults, run_file
 
 from inercal.benches import Turntable
-from inercal.benches.turntable.reading import gather
+from inercal.benches.turntable.reading import observe
 from inercal.errors import InputError
 from inercal.host.assembly import Assembly
 from inercal.host.log import Log, digest, frames
@@ -56,7 +56,7 @@ def test_a_recording_holds_what_was_assembled_to_the_last_bit(run: Run, folder: 
     assert set(recording.labels) == {"", "warm-up", "up", "slanted", "y+", "rest"}
     assert recording.temperature == pytest.approx(np.full(block.time.size, 298.15), abs=1e-9)
     assert isinstance(run.bench, Turntable)
-    track = gather(run, run.bench).observations.track
+    track = observe(run).observations.track
     assert track is not None
     assert track.reading.tobytes() == block.reading.tobytes()
     assert track.angles.tobytes() == np.ascontiguousarray(block.angles).tobytes()

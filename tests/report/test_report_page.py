@@ -11,6 +11,7 @@ import pytest
 from tests.report.tags import parsed
 
 from inercal.benches import Hand
+from inercal.benches.hand.report import directions
 from inercal.errors import InputError
 from inercal.io.write import write_recording
 from inercal.pipeline import Outcome, calibrate, named_as_in, simulate
@@ -19,7 +20,7 @@ from inercal.recording import Finding, Recording
 from inercal.report import write_report
 from inercal.report.figures import residuals
 from inercal.report.page import page
-from inercal.report.sphere import attitudes, missing_faces
+from inercal.report.sphere import missing_faces
 from inercal.report.tables import bench, coefficients, strongest
 from inercal.report.traces import POINTS, envelope
 from inercal.runfile import Run, read
@@ -218,17 +219,17 @@ def test_an_estimate_without_residuals_says_what_its_uncertainty_lacks(run: Run)
 
 
 def test_faces_without_a_position_are_named(outcome: Outcome):
-    assert missing_faces(attitudes(outcome)) == []
+    assert missing_faces(directions(outcome)) == []
     hold = next(s for s in outcome.steps if isinstance(s, Hold) and s.up == (0.0, 0.0, -1.0))
     lacking = without(outcome, hold.label)
-    assert missing_faces(attitudes(lacking)) == ["−z"]
+    assert missing_faces(directions(lacking)) == ["−z"]
     text = page(lacking, None)
     assert "No position had\n−z up." in text
     assert "−z: no position" in text
 
 
 def test_attitudes_are_near_nominal_and_turns_about_their_axes(outcome: Outcome):
-    assert all(attitude.off < np.deg2rad(2) for attitude in attitudes(outcome))
+    assert all(attitude.off < np.deg2rad(2) for attitude in directions(outcome))
 
 
 def test_the_bench_table_compares_found_with_stated(outcome: Outcome):

@@ -8,11 +8,12 @@ import pytest
 from pydantic import BaseModel
 from tests.runfile.texts import FERRARIS, changed
 
-from inercal.benches.rate_table.settings import RateTableSection
+from inercal.benches.rate_table.settings import RateTableData, RateTableSection
 from inercal.cli.app import main
 from inercal.errors import InputError
 from inercal.runfile import read, schema
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 ON_TABLE = """\
 [sensor.accelerometer]
 unit = "g"
@@ -32,7 +33,7 @@ KEYS = {
     "sensor": schema.SensorSection,
     "sensor.accelerometer": schema.ReadoutSection,
     "bench": RateTableSection,
-    "data": schema.DataSection,
+    "data": RateTableData,
     "method": schema.MethodSection,
     "method.search": schema.SearchSection,
 }
@@ -99,7 +100,6 @@ def stated(text: str, section: str, line: str) -> str:
         ("data", "time = 1.5", "1.5 is a number; give a column, by its name or its number"),
         ("data", "accelerometer = [1.5, 2, 3]", "1.5 is a number; give a column, by its name or"),
         ("data", 'gyro = ["a", "b"]', "2 in the list; it takes 3"),
-        ("data", 'attitude = ["a", "b", "c"]', "3 in the list; it takes 2"),
         ("method", "rates = 60", '60 is a number; give a list, such as ["60 rpm", "120 rpm"]'),
         ("data", "sd = 5", "5 is a number; give a section, [data.sd]"),
         ("method.prior_from", "file = 5", "5 is a number; give a section, [method.prior_from.file"),
@@ -111,6 +111,26 @@ def test_a_value_of_another_kind_is_said_with_what_is_possible(
     key = line.partition(" ")[0]
     message = refusal(tmp_path, stated(ON_TABLE, section, line))
     assert message.startswith(f"[{section}] {key}: {said}")
+
+
+def test_a_list_of_another_length_is_said(tmp_path: Path):
+    text = (EXAMPLES / "centrifuge" / "lab.toml").read_text(encoding="utf-8")
+    message = refusal(tmp_path, stated(text, "data", 'attitude = ["a", "b", "c"]'))
+    assert message.startswith("[data] attitude: 3 in the list; it takes 2")
+
+
+@pytest.mark.parametrize(
+    ("key", "kinds"),
+    [
+        ("angle", '"dividing_head"'),
+        ("attitude", '"centrifuge"'),
+        ("table", '"turntable"'),
+        ("accept_moving", '"hand" or "dividing_head"'),
+    ],
+)
+def test_a_column_of_another_bench_is_answered_with_its_kind(tmp_path: Path, key: str, kinds: str):
+    message = refusal(tmp_path, stated(ON_TABLE, "data", f'{key} = "a"'))
+    assert message == f"[data] {key} goes with [bench] kind = {kinds}"
 
 
 @pytest.mark.parametrize("value", ["1979-05-27", "[[]]", "{ odd = [] }", "1.5", '"odd"'])

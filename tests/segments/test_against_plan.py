@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from tests.runfile.texts import FERRARIS, run_file
 
+from inercal.benches.hand.reading import nominal
 from inercal.errors import InputError
 from inercal.pipeline import simulate
-from inercal.pipeline.by_hand import nominal
 from inercal.plan import Hold, direction
 from inercal.recording import Finding, Mark, Observations, Recording
 from inercal.runfile import Run, read

@@ -12,8 +12,10 @@ from typing import Any, Literal, NamedTuple, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails
 
 from inercal.benches.kinds import KINDS
+from inercal.data.section import DataSection
 from inercal.io.readers import known_options
 from inercal.runfile.schema import RunSchema
 
@@ -55,7 +57,8 @@ def worded(error: ValidationError, content: Mapping[str, Any], schema: type[RunS
     schema : type
         That refused it.
     """
-    complaint, *others = error.errors(include_url=False)
+    # A column that the kind of bench needs comes last: it may be there for another kind.
+    complaint, *others = sorted(error.errors(include_url=False), key=_of_kind)
     kind, loc, value = complaint["type"], complaint["loc"], complaint["input"]
     if kind == "extra_forbidden":
         return _unknown(loc, value, content, schema)
@@ -101,12 +104,29 @@ def _unknown(
     if near := get_close_matches(names[-1], possible, n=1):
         line += f"; did you mean {near[0]}?"
     line += f"; possible here: {', '.join(possible)}"
-    owners = [f'"{name}"' for name, kind in KINDS.items() if names[-1] in kind.section.model_fields]
-    if place.names == ("bench",) and owners:
-        if "kind" not in content["bench"]:
-            line += "; kind is missing, so hand is taken"
-        line += f"; {names[-1]} goes with kind = {_either(owners)}"
+    if owners := _owners(names):
+        hand = "; kind is missing, so hand is taken" * ("kind" not in content.get("bench", {}))
+        if names[0] == "data":
+            return f"[data] {names[1]} goes with [bench] kind = {_either(owners)}{hand}"
+        line += f"{hand}; {names[1]} goes with kind = {_either(owners)}"
     return line
+
+
+def _owners(names: tuple[str, ...]) -> list[str]:
+    """Return the kinds of bench to which a key of [bench] or [data] belongs, quoted."""
+    if len(names) != 2 or names[0] not in ("bench", "data"):
+        return []
+    sections = {
+        name: kind.section if names[0] == "bench" else kind.data for name, kind in KINDS.items()
+    }
+    return [f'"{name}"' for name, section in sections.items() if names[1] in section.model_fields]
+
+
+def _of_kind(complaint: ErrorDetails) -> bool:
+    """Return whether a complaint is of a column that is missing for this kind of bench."""
+    loc = complaint["loc"]
+    needed = len(loc) == 2 and loc[0] == "data" and loc[1] not in DataSection.model_fields
+    return complaint["type"] == "missing" and needed
 
 
 def _wrong(kind: str, value: Any, context: Mapping[str, Any], place: _Place) -> str:
