@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.accuracy import rate_table as made
 
-from inercal.design.on_table import TableSheet, as_csv, worksheet
+from inercal.design.worksheet import Worksheet, as_csv, worksheet
 from inercal.errors import InputError, NotObserved
 from inercal.pipeline import calibrate
 from inercal.runfile import read
@@ -17,7 +17,7 @@ EXAMPLE = Path(__file__).parents[2] / "examples" / "rate_table" / "ship.toml"
 BENCH = made.Bench(lean=0.05 * made.DEGREE)
 
 
-def planned(folder: Path, *changes: tuple[str, str]) -> TableSheet:
+def planned(folder: Path, *changes: tuple[str, str]) -> Worksheet:
     text = EXAMPLE.read_text(encoding="utf-8")
     for old, new in (('"ship.csv"', '"sheet.csv"'), *changes):
         assert old in text
@@ -26,7 +26,7 @@ def planned(folder: Path, *changes: tuple[str, str]) -> TableSheet:
     return worksheet(read(folder / "run.toml"))
 
 
-def fill(sheet: TableSheet, path: Path, seed: int) -> made.Draw:
+def fill(sheet: Worksheet, path: Path, seed: int) -> made.Draw:
     """Write the sheet filled with the readings of a device that the generator draws."""
     header, *lines = csv.reader(as_csv(sheet).splitlines())
     states: list[made.State] = []
@@ -63,12 +63,13 @@ def test_who_fills_the_sheet_finds_the_device(tmp_path: Path, seed: int):
 
 
 def test_what_is_felt_is_what_the_generator_says(tmp_path: Path):
-    sheet = planned(tmp_path)
-    by_name = {(row.mounting, round(row.rpm)): row.felt for row in sheet.rows}
+    sheet = planned(tmp_path).sheet
+    facts = [row.facts for row in sheet.rows]
+    by_name = {(fact["mounting"], round(fact["rpm"])): fact["felt"] for fact in facts}
     assert by_name["XY30", 46] == pytest.approx(
         made.columns("XY", 30.0, None, "azimuth") @ [made.centripetal(46.0) * made.G, 0.0, 9.7936]
     )
-    assert [row.number for row in sheet.rows] == list(range(1, 26))
+    assert [row.cells[0] for row in sheet.rows] == [str(k) for k in range(1, 26)]
     assert sheet.seconds == 25 * 150
 
 
@@ -83,8 +84,9 @@ def test_rates_are_written_in_the_unit_of_their_column(tmp_path: Path):
 def test_columns_by_number_have_no_name_to_write(tmp_path: Path):
     sheet = planned(tmp_path)
     data = sheet.run.data.model_copy(update={"arm_rate": 2})
+    numbered = worksheet(replace(sheet.run, data=data))
     with pytest.raises(InputError, match="column 2 by its number"):
-        as_csv(replace(sheet, run=replace(sheet.run, data=data)))
+        as_csv(numbered)
 
 
 def test_noise_that_is_not_stated_is_asked_for(tmp_path: Path):

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inercal.design.on_head import Worksheet, as_csv, worksheet
-from inercal.design.operator import Row
+from inercal.benches.sheet import Row
+from inercal.design.worksheet import Worksheet, as_csv, worksheet
 from inercal.errors import InputError, NotObserved
 from inercal.motion import Motion
 from inercal.pipeline import calibrate
@@ -97,6 +97,11 @@ def planned(folder: Path, *changes: tuple[str, str]) -> Worksheet:
     return worksheet(read(run_file(folder, *changes)))
 
 
+def done_with(row: Row) -> str:
+    """Return what is done with the autocollimator, in words."""
+    return row.facts["autocollimator"]
+
+
 class Operator:
     """Does what the rows say, on a head that errs, before a polygon whose faces deviate."""
 
@@ -109,23 +114,23 @@ class Operator:
 
     def at(self, row: Row) -> tuple[float, float | None]:
         """Return where the head truly stands beyond its angle, and what was written down, rad."""
-        angle = row.step.angle
+        angle, act, in_pass = radians(row.facts["angle_deg"]), done_with(row), row.facts["pass"]
         face = FACES[round(angle * 6 / pi) % 12] * ARCSEC
         beyond = self.division[round(angle * 180 / pi)]
         for h, (a, b) in enumerate(self.waves, start=1):
             beyond += a * sin(h * angle) + b * cos(h * angle)
-        if not row.autocollimator:
+        if not act:
             return beyond, None
         noise = AUTOCOLLIMATOR * self.rng.standard_normal()
-        if trimmed := re.search(r"trim .* as at (\S+)°(?: in pass (\d+))?", row.autocollimator):
-            mark = self.read[int(trimmed[2] or row.in_pass), trimmed[1]]
+        if trimmed := re.search(r"trim .* as at (\S+)°(?: in pass (\d+))?", act):
+            mark = self.read[int(trimmed[2] or in_pass), trimmed[1]]
             # It is written down how well it was trimmed, or else it is trimmed well.
-            recorded = row.autocollimator.endswith("write down")
+            recorded = act.endswith("write down")
             reading = mark + recorded * TRIMMED * self.rng.standard_normal()
             beyond = reading + face - self.line - noise
         else:
             reading = beyond - face + self.line + noise
-        self.read.setdefault((row.in_pass, row.angle.rstrip("°")), reading)
+        self.read.setdefault((in_pass, row.cells[2].rstrip("°")), reading)  # as it is printed
         return beyond, reading
 
 
@@ -136,9 +141,9 @@ def fill(sheet: Worksheet, path: Path, seed: int) -> None:
     sensor = run.sensor.with_coefficients(*run.truth)
     c = np.array([run.truth[name] for name in sensor.coefficients])
     filled = [header]
-    for row, line in zip(sheet.rows, lines, strict=True):
+    for row, line in zip(sheet.sheet.rows, lines, strict=True):
         cells = dict(zip(header, line, strict=True))
-        assert float(cells["head"]) == pytest.approx(row.step.angle * 180 / pi, abs=1e-9)
+        assert float(cells["head"]) == pytest.approx(row.facts["angle_deg"], abs=1e-9)
         beyond, reading = operator.at(row)
         psi = radians(float(cells["head"])) + beyond + 4 * ARCSEC
         f = G * np.array([[sin(psi), cos(psi), 0.0]])
@@ -163,9 +168,10 @@ def test_who_does_as_the_sheet_says_finds_the_truth(
     sheet = planned(tmp_path, *changes)
     fill(sheet, tmp_path / "sheet.csv", seed)
     found = calibrate(sheet.run)
-    assert [step.label for step in found.steps] == [row.step.label for row in sheet.rows]
+    assert [step.label for step in found.steps] == [row.label for row in sheet.sheet.rows]
     done = [step for step in found.steps if isinstance(step, Index)]
-    assert [step.sense for step in done] == [row.step.sense for row in sheet.rows]
+    senses = ["forward" if step.sense > 0 else "reverse" for step in done]
+    assert senses == [row.facts["sense"] for row in sheet.sheet.rows]
     calibration = found.calibration
     truth = np.array([sheet.run.truth.get(n, 0.0) for n in calibration.sensor.coefficients])
     error = calibration.values - truth
@@ -178,8 +184,8 @@ def test_who_does_as_the_sheet_says_finds_the_truth(
 
 
 def test_a_pair_is_trimmed_to_one_mark_also_on_the_way_back(tmp_path: Path):
-    sheet = planned(tmp_path, ALONE)
-    said = {row.step.label: row.autocollimator for row in sheet.rows if row.autocollimator}
+    sheet = planned(tmp_path, ALONE).sheet
+    said = {row.label: done_with(row) for row in sheet.rows if done_with(row)}
     assert said == {
         "f01": "read and write down",
         "f04": "read and write down",
@@ -194,23 +200,23 @@ def test_a_pair_is_trimmed_to_one_mark_also_on_the_way_back(tmp_path: Path):
 
 
 def test_where_it_is_written_down_the_head_itself_comes_back_to_0_and_90(tmp_path: Path):
-    said = {row.step.label: row.autocollimator for row in planned(tmp_path).rows}
+    said = {row.label: done_with(row) for row in planned(tmp_path).sheet.rows}
     assert [said[label] for label in ("f01", "f04", "r04", "r01")] == ["read and write down"] * 4
     assert said["f10"] == "trim the head until it reads as at 90°, and write down"
     assert said["r07"] == "trim the head until it reads as at 0° in pass 1, and write down"
 
 
 def test_readings_on_every_face_are_written_down_and_nothing_is_trimmed(tmp_path: Path):
-    sheet = planned(tmp_path, EVERY)
-    assert {row.autocollimator for row in sheet.rows} == {"read and write down"}
+    sheet = planned(tmp_path, EVERY).sheet
+    assert {done_with(row) for row in sheet.rows} == {"read and write down"}
     assert not any("trim" in note for note in sheet.notes)
 
 
 def test_without_an_autocollimator_nothing_is_done_with_it(tmp_path: Path):
     keys = 'autocollimator = "0.03 ″"\npolygon = "faces.csv"\ncertificate = "0 ″"\n'
     none = ('autocollimation = "pairs"\n' + keys, 'autocollimation = "none"\n')
-    sheet = planned(tmp_path, none)
-    assert not any(row.autocollimator for row in sheet.rows)
+    sheet = planned(tmp_path, none).sheet
+    assert not any(done_with(row) for row in sheet.rows)
     assert not any("autocollimator" in note for note in sheet.notes)
 
 
@@ -252,8 +258,9 @@ def test_noise_that_is_not_stated_is_asked_for(tmp_path: Path):
 def test_columns_by_number_have_no_name_to_write(tmp_path: Path):
     sheet = planned(tmp_path)
     data = sheet.run.data.model_copy(update={"angle": 2})
+    numbered = worksheet(replace(sheet.run, data=data))
     with pytest.raises(InputError, match="column 2 by its number"):
-        as_csv(replace(sheet, run=replace(sheet.run, data=data)))
+        as_csv(numbered)
 
 
 def test_angles_are_written_in_the_unit_of_their_column(tmp_path: Path):

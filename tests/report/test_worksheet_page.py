@@ -1,12 +1,13 @@
 """The page of a worksheet: whole, self-contained, and with a box for each reading."""
 
+import re
 import shutil
 from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
 
-from inercal.design.on_head import Worksheet, worksheet
+from inercal.design.worksheet import Worksheet, worksheet
 from inercal.report import write_worksheet
 from inercal.runfile import read
 
@@ -54,6 +55,23 @@ def test_each_reading_has_a_box_and_what_is_not_read_a_shaded_one(tmp_path: Path
     assert boxes.count("box not") == 16
 
 
+def test_on_paper_a_box_or_a_heading_takes_the_place_of_what_the_terminal_repeats(tmp_path: Path):
+    sheet, text = made(tmp_path, READ, PAIRS)
+    printed = [heading.text for heading in sheet.sheet.headings]
+    assert printed == ["row", "label", "head at", "pass", "autocollimator", "level", "hold for"]
+    headings = re.findall(r'<th scope="col">([^<]*)</th>', text[: text.index("<tbody")])
+    assert headings == ["row", "label", "head at", "with the autocollimator", "hold"]
+    wrapped = re.findall(r'<td class="do">([^<]*)</td>', text)
+    assert wrapped == [row.facts["autocollimator"] for row in sheet.sheet.rows]
+
+
+def test_the_shaded_box_is_the_autocollimators_whatever_a_column_is_called(tmp_path: Path):
+    columns = ('["a", "b"]', '["autocollimator", "b"]')
+    _, text = made(tmp_path, READ, PAIRS, columns)
+    second = text[text.index('<th scope="row">f02</th>') :]
+    assert re.findall(r'class="(box[^"]*)"', second)[:4] == ["box", "box", "box not", "box"]
+
+
 def test_without_autocollimator_and_level_there_is_no_box_for_them(tmp_path: Path):
     none = ('autocollimation = "every"', 'autocollimation = "none"')
     idle = (f"{key}\n" for key in ('autocollimator = "0.1 ″"', 'certificate = "0.05 ″"'))
@@ -66,11 +84,14 @@ def test_the_page_holds_what_the_operator_needs(tmp_path: Path):
     sheet, text = made(tmp_path, READ)
     for words in ("QA pair 7", "operator", "temperature, begin", "readings.csv", "run.toml"):
         assert words in text
-    for row in sheet.rows:
-        assert f'<th scope="row">{row.step.label}</th><td>{row.angle}</td>' in text
+    for number, row in enumerate(sheet.sheet.rows, start=1):
+        angle = f"{row.facts['angle_deg']:.0f}°"
+        assert f'<td>{number}</td><th scope="row">{row.label}</th><td>{angle}</td>' in text
     for one in (*sheet.expected, *sheet.together):
         assert f'<th scope="row">{one.name}</th>' in text
-    assert "pass 2, reverse" in text
+    assert text.index("pass 1, forward") < text.index("pass 2, reverse")
+    assert "24 positions in 2 passes · 12 min of holding, moves besides" in text
+    assert "by the noise, the head, the base and the priors as stated in" in text
 
 
 def test_the_page_needs_nothing_but_itself_and_prints_black_on_white(tmp_path: Path):

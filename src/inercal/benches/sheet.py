@@ -7,10 +7,33 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Heading:
-    """A column of a sheet as it is printed."""
+    """A column of a sheet.
+
+    Parameters
+    ----------
+    text : str
+        As the terminal prints it.
+    right : bool
+        Whether the terminal aligns its cells to the right.
+    page : str or None
+        On the printed page; None is `text`. An empty one is left out there: a box or the heading of
+        the group says the same.
+    label : bool
+        Whether its cells are the headings of the rows of the page.
+    wraps : bool
+        Whether its cells are sentences, which the page wraps.
+    """
 
     text: str
     right: bool = False
+    page: str | None = None
+    label: bool = False
+    wraps: bool = False
+
+    @property
+    def on_page(self) -> str:
+        """Heading on the printed page."""
+        return self.text if self.page is None else self.page
 
 
 @dataclass(frozen=True)
@@ -31,8 +54,8 @@ class Row:
         What is set, in the first columns of the table to be filled.
     facts : mapping of str to Any
         For JSON, beside label and seconds.
-    idle : frozenset of str
-        Boxes of the printed page that stay empty here.
+    idle : frozenset of int
+        Places, from 0, of the boxes that are not filled in here; the page shades them.
     """
 
     label: str
@@ -41,7 +64,7 @@ class Row:
     group: str = ""
     given: tuple[str, ...] = ()
     facts: Mapping[str, Any] = field(default_factory=dict[str, Any])
-    idle: frozenset[str] = frozenset()
+    idle: frozenset[int] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -69,7 +92,11 @@ class Sheet:
     boxes : tuple of Box
         Of the printed page; without boxes there is none.
     facts : tuple of str
-        Of the bench, for the head of the page.
+        Of plan and bench, for the head of the page; without facts the title stands there.
+    stated : str
+        What the run file states of the bench, in words: uncertainties to expect follow from it.
+    sums : bool
+        Whether sums of coefficients, which are known far better than their terms, are listed too.
     """
 
     title: str
@@ -79,6 +106,8 @@ class Sheet:
     columns: tuple[str | int | None, ...]
     boxes: tuple[Box, ...] = ()
     facts: tuple[str, ...] = ()
+    stated: str = "the bench"
+    sums: bool = False
 
     @property
     def seconds(self) -> float:

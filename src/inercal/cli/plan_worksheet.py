@@ -32,20 +32,19 @@ def plan_worksheet(
         Coefficients that the plan leaves open.
     """
     from inercal.cli.show import as_json, working
-    from inercal.design.worksheet import as_csv, worksheet
+    from inercal.design.worksheet import as_csv, sheet_of, worksheet
     from inercal.report import write_worksheet
     from inercal.runfile import read
 
-    if out is not None:
-        files_of(out, page=False, force=force)
     with working("working out what the plan gives"):
-        made = worksheet(read(run_file, keys))
-    page = bool(made.sheet.boxes)
-    files = {} if out is None else files_of(out, page=page, force=force)
-    if out is not None:
+        run = read(run_file, keys)
+        page = bool(sheet_of(run).boxes)
+        files = {} if out is None else files_of(out, page=page, force=force)
+        made = worksheet(run)
+    if files:
         write_text(files["sheet"], as_csv(made))
-        if page:
-            write_worksheet(made, files["page"], files["sheet"].name)
+    if "page" in files:
+        write_worksheet(made, files["page"], files["sheet"].name)
     if json:
         as_json(_as_object(made) | {kind: str(path) for kind, path in files.items()})
         return
@@ -55,13 +54,15 @@ def plan_worksheet(
 
 def _as_object(made: "Worksheet") -> dict[str, Any]:
     sheet = made.sheet
-    return {
+    content: dict[str, Any] = {
         "steps": [{"label": row.label, **row.facts, "seconds": row.seconds} for row in sheet.rows],
         "seconds": sheet.seconds,
         "notes": list(sheet.notes),
         "expected": [known_as_object(one) for one in made.expected],
-        "together": [known_as_object(one) for one in made.together],
     }
+    if sheet.sums:
+        content["together"] = [known_as_object(one) for one in made.together]
+    return content
 
 
 def _print(made: "Worksheet") -> None:

@@ -24,13 +24,26 @@ class Worksheet:
     expected : tuple of Known
         Of each coefficient.
     together : tuple of Known
-        Of sums that are known far better than their terms.
+        Of sums that are known far better than their terms, if the sheet lists sums.
     """
 
     run: Run
     sheet: Sheet
     expected: tuple[Known, ...]
     together: tuple[Known, ...]
+
+
+def sheet_of(run: Run) -> Sheet:
+    """Return what the operator of a run does.
+
+    Raises
+    ------
+    InputError
+        A bench whose plans are fixed, or a plan that it cannot carry out.
+    """
+    if run.kind.sheet is None:
+        raise InputError(f"{run.path}: a bench of kind {run.kind.name} has no worksheet")
+    return run.kind.sheet(run)
 
 
 def worksheet(run: Run) -> Worksheet:
@@ -43,16 +56,10 @@ def worksheet(run: Run) -> Worksheet:
     NotObserved
         Coefficients that the plan leaves open.
     """
-    if run.kind.sheet is None:
-        raise InputError(f"{run.path}: a bench of kind {run.kind.name} has no worksheet")
-    sheet = run.kind.sheet(run)
+    sheet = sheet_of(run)
     estimate = estimate_of_plan(run, run.kind.words.rows)
-    return Worksheet(
-        run,
-        sheet,
-        alone(estimate, run.sensor),
-        _together(estimate, run.sensor, run.bench.gravity.value),
-    )
+    sums = _together(estimate, run.sensor, run.bench.gravity.value) if sheet.sums else ()
+    return Worksheet(run, sheet, alone(estimate, run.sensor), sums)
 
 
 def as_csv(made: Worksheet) -> str:

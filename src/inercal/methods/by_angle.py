@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.benches import MeanMotion
 from inercal.benches.dividing_head.bench import DividingHead, drift_names, felt
 from inercal.benches.dividing_head.bench import positions as on_head
 from inercal.benches.dividing_head.head_angles import angles
@@ -138,9 +139,9 @@ def _families(
     return made | drifts
 
 
-def _felt(bench: DividingHead, steps: Sequence[Index], q: Mapping[str, Array]) -> vectors.Felt:
+def _felt(bench: DividingHead, steps: Sequence[Index], q: Mapping[str, Array]) -> MeanMotion:
     made = felt(bench, steps, q)
-    return vectors.Felt(Motion(made.f), made.by)
+    return MeanMotion(Motion(made.f), made.by)
 
 
 def as_stated(

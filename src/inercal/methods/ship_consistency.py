@@ -26,6 +26,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.benches import MeanMotion
 from inercal.benches.rate_table.bench import RateTable, by_parameter, felt
 from inercal.estimate import Candidate, Gaussian, Problem, Scored, scored
 from inercal.estimate.once import Once
@@ -60,9 +61,9 @@ def joint_problem(
 ) -> Problem:
     """Return the problem of all readings, with the bench's errors as nuisances."""
 
-    def motion(q: Mapping[str, Array]) -> vectors.Felt:
+    def motion(q: Mapping[str, Array]) -> MeanMotion:
         nominal = felt(bench, steps, q)
-        return vectors.Felt(Motion(nominal.f), nominal.by)
+        return MeanMotion(Motion(nominal.f), nominal.by)
 
     # Rows of a table without times are taken in the order in which they were measured.
     declared = bench.acting(steps)

@@ -5,19 +5,19 @@ with their stated deviations.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from itertools import zip_longest
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.benches import MeanBench, MeanMotion
 from inercal.errors import InputError
-from inercal.estimate import Candidate, Gauge, Gaussian, Problem
+from inercal.estimate import Candidate, Estimate, Gauge, Gaussian, Problem, least_squares
 from inercal.methods import candidates, temperature
-from inercal.motion import Motion
 from inercal.observe import vector
 from inercal.parameters import Parameter
-from inercal.plan import Index, Spin, TableStep
 from inercal.recording import Observations
 from inercal.sensors import G0, Sensor
 
@@ -34,30 +34,65 @@ _NATURAL = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Felt:
-    """What r rows felt, with derivatives by the bench's parameters; those missing are zero.
+Feel = Callable[[Mapping[str, Array]], MeanMotion]
+
+
+def joint(
+    observations: Observations,
+    sensor: Sensor,
+    bench: MeanBench,
+    steps: Sequence[Any],
+    priors: Sequence[Gaussian] = (),
+) -> Estimate:
+    """Return the estimate of mean readings on any bench of means, its parameters being nuisances.
+
+    An estimator, for a method that needs nothing of its own.
 
     Parameters
     ----------
-    motion : Motion
-        (..., r, 3).
-    df, dw : mappings of str to (..., r, 3) array
-        ∂f and ∂ω, SI.
+    observations : Observations
+        (..., r, m), SI.
+    sensor : Sensor
+        With the coefficients that are wanted.
+    bench : MeanBench
+        Its parameters of scope "dwell" are not for this estimator.
+    steps : sequence of r Step
+        Of the rows; steps of a plan that have no row are left out.
+    priors : sequence of Gaussian
+        On coefficients.
+
+    Raises
+    ------
+    InputError
+        Rows without their steps, or a parameter of scope "dwell".
+    NotObserved
+        Coefficients that these steps leave open, by name.
     """
-
-    motion: Motion
-    df: Mapping[str, Array]
-    dw: Mapping[str, Array] = field(default_factory=dict[str, Array])
-
-
-Feel = Callable[[Mapping[str, Array]], Felt]
+    by_label = {step.label: step for step in steps}
+    done = [by_label[label] for label in observations.labels if label in by_label]
+    require_rows(observations, sensor, done)
+    declared = bench.nuisances(done, sensor)
+    if noisy := [name for name, one in declared.items() if one.scope == "dwell" and one.sd > 0]:
+        raise InputError(f"{noisy[0]} is another in each dwell: this estimator has no noise of it")
+    offsets = {
+        name: bench.reading_offsets(done, sensor, {name: np.array(1.0)}) for name in declared
+    }
+    whole = problem(
+        observations,
+        sensor,
+        declared,
+        lambda q: bench.mean_motion(done, q),
+        priors,
+        added={name: one.ravel() for name, one in offsets.items() if one.ndim and one.any()},
+        timed=True,
+    )
+    return replace(least_squares(whole), tests=observations.tests)
 
 
 def require_rows(
     observations: Observations,
     sensor: Sensor,
-    steps: Sequence[Index] | Sequence[Spin] | Sequence[TableStep],
+    steps: Sequence[Any],
 ) -> None:
     """Refuse steps or channels that are not those of the rows.
 
@@ -88,7 +123,7 @@ def problem(
     priors: Sequence[Gaussian] = (),
     *,
     added: Mapping[str, Array] | None = None,
-    dwells: Callable[[Array, Felt], Array] | None = None,
+    dwells: Callable[[Array, MeanMotion], Array] | None = None,
     gauges: tuple[Gauge, ...] = (),
     timed: bool = False,
     families: Mapping[str, Sequence[str]] | None = None,
@@ -127,7 +162,7 @@ def problem(
     warmth = temperature.offset(observations, sensor)
     columns = np.array(list(beside.values())).T
 
-    def felt(x: Array) -> Felt:
+    def felt(x: Array) -> MeanMotion:
         made = feel(known | {name: x[..., p + k] for k, name in enumerate(loose)})
         return replace(made, motion=replace(made.motion, dT=warmth)) if warmth.ndim else made
 

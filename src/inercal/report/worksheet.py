@@ -17,6 +17,7 @@ def page(made: Worksheet, table: str) -> str:
         "worksheet.html",
         run=made.run,
         sheet=made.sheet,
+        columns=[(k, one) for k, one in enumerate(made.sheet.headings) if one.on_page],
         table=table,
         known=[_cells(one) for one in (*made.expected, *made.together)],
         together=made.together,

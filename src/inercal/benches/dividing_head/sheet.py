@@ -29,6 +29,8 @@ def sheet(run: Source[DividingHeadData]) -> Sheet:
         planned = rows(bench, steps, recorded=bool(names.autocollimator))
     except InputError as error:
         raise InputError(f"{run.path}: {error}") from None
+    idle = frozenset({len(names.accelerometers)}) if collimated else frozenset[int]()
+    first = {row.in_pass: row.sense for row in reversed(planned)}
     made: list[Row] = []
     for row in planned:
         step = row.step
@@ -39,7 +41,7 @@ def sheet(run: Source[DividingHeadData]) -> Sheet:
                 step.label,
                 (*cells, f"{step.seconds:g} s" if step.seconds else ""),
                 step.seconds,
-                f"pass {row.in_pass}, {row.sense}",
+                f"pass {row.in_pass}, {first[row.in_pass]}",
                 (*[step.label] * label, f"{step.angle / unit:.12g}"),
                 {
                     "what": step.in_words(),
@@ -48,7 +50,7 @@ def sheet(run: Source[DividingHeadData]) -> Sheet:
                     "pass": row.in_pass,
                     "autocollimator": row.autocollimator,
                 },
-                frozenset() if row.autocollimator else frozenset({"autocollimator"}),
+                frozenset() if row.autocollimator else idle,
             )
         )
     seconds = sum(step.seconds for step in steps)
@@ -57,19 +59,25 @@ def sheet(run: Source[DividingHeadData]) -> Sheet:
         f"{len(made)} positions, {seconds:.0f} s of holding in all",
         (
             Heading("row", right=True),
-            *(Heading(text) for text in ("label", "head at", "pass")),
-            *[Heading("autocollimator")] * collimated,
-            *[Heading("level")] * bool(names.level),
-            Heading("hold for", right=True),
+            Heading("label", label=True),
+            Heading("head at"),
+            Heading("pass", page=""),
+            *[Heading("autocollimator", page="with the autocollimator", wraps=True)] * collimated,
+            *[Heading("level", page="")] * bool(names.level),
+            Heading("hold for", right=True, page="hold"),
         ),
         tuple(made),
         notes(bench, steps, names),
         (data.label, *columns) if label else columns,
         _boxes(names, run.sensor, collimated=collimated),
         (
+            f"{len(made)} positions in {len(first)} pass{'es' * (len(first) > 1)}",
+            f"{seconds / 60:.0f} min of holding, moves besides",
             f"autocollimation: {bench.collimated}",
-            f"g = {bench.gravity.value:.7g} m/s²",
+            f"g = {bench.gravity.value:.7g} m/s²".replace(" ", "\N{NO-BREAK SPACE}"),
         ),
+        stated="the head, the base",
+        sums=True,
     )
 
 

@@ -16,6 +16,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.benches import MeanMotion
 from inercal.benches.centrifuge.arm import FeltNorm, FeltVector, felt_norm, felt_vector
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.estimate import Candidate, Gaussian, Problem
@@ -262,11 +263,11 @@ def by_vector(
     own = {"dwell_rate": bench.dwell_rate, "dwell_tilt": bench.dwell_tilt}
     own = {name: sd for name, sd in own.items() if sd}
 
-    def feel(q: Mapping[str, Array]) -> vectors.Felt:
+    def feel(q: Mapping[str, Array]) -> MeanMotion:
         felt = felt_vector(bench, steps, q)
-        return vectors.Felt(Motion(felt.f, felt.w), felt.df, felt.dw)
+        return MeanMotion(Motion(felt.f, felt.w), felt.df, felt.dw)
 
-    def dwells(c: Array, felt: vectors.Felt) -> Array:
+    def dwells(c: Array, felt: MeanMotion) -> Array:
         slope = sensor.slope(felt.motion, c)[..., :3]
         r, m = observations.mean.shape[-2:]
         blocks = np.zeros((*c.shape[:-1], r, m, r, m))

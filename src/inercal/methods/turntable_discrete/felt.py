@@ -16,11 +16,11 @@ from math import copysign, pi
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.benches import MeanMotion
 from inercal.benches.turntable.attitude import misalignment, reference
 from inercal.benches.turntable.bench import Turntable
 from inercal.earth import earth_rate_up_north
 from inercal.frames import log_so3
-from inercal.methods.vectors import Felt
 from inercal.motion import Motion
 from inercal.parameters import Parameter
 from inercal.plan import Position, TableStep
@@ -164,7 +164,7 @@ def felt(
     df: Mapping[str, Array],
     dw: Mapping[str, Array],
     q: Mapping[str, Array],
-) -> Felt:
+) -> MeanMotion:
     """Return what is felt with the bench's parameters at q, to first order in what they are off.
 
     Parameters
@@ -184,4 +184,4 @@ def felt(
             beside = off[..., None, None]
             f = f + df[name] * beside if name in df else f
             w = w + dw[name] * beside if name in dw else w
-    return Felt(Motion(f, w), df, dw)
+    return MeanMotion(Motion(f, w), df, dw)

@@ -1,0 +1,235 @@
+"""A bench and a method of another package: a tilting plate, and the joint fit of its means.
+
+The plate leans a sensor by known angles, in one of two planes. `pyproject.toml` beside this file
+registers both; once the package is installed, `inercal` takes [bench] kind = "tilt_table".
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import pi
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.benches import MeanMotion
+from inercal.benches.contract import Simulated, SimulatedMotion
+from inercal.benches.kind import Kind, Vocabulary
+from inercal.benches.sheet import Heading, Row, Sheet
+from inercal.data import DataSection, Gathered, Readback, Source, size_of
+from inercal.data.load import columns, load_recording, readback_columns, readback_units, stated_sd
+from inercal.io.means import means_of, read_columns
+from inercal.keys import ErrorName
+from inercal.methods import Method
+from inercal.methods.vectors import joint
+from inercal.motion import Motion
+from inercal.parameters import Parameter
+from inercal.segments import marks_from_labels, observe
+from inercal.sensors import Sensor
+from inercal.settings import BenchSection, gravity_of, small
+from inercal.units import Measured, readable
+
+Array = NDArray[np.float64]
+Plane = Literal["xz", "yz"]
+
+
+@dataclass(frozen=True)
+class Tilt:
+    """The plate at an angle, rad; z points up at 0, x or y at 90°."""
+
+    label: str
+    plane: Plane
+    angle: float
+    seconds: float
+
+    def in_words(self) -> str:
+        """Return what is set."""
+        return f"plane {self.plane} at {self.angle * 180 / pi:g}°"
+
+
+def plan(seconds: float = 5.0) -> tuple[Tilt, ...]:
+    """Return both planes in steps of 45°."""
+    turns = [(plane, k) for plane in ("xz", "yz") for k in range(8)]
+    return tuple(Tilt(f"{p} {45 * k}", p, k * pi / 4, seconds) for p, k in turns)
+
+
+@dataclass(frozen=True, eq=False)
+class TiltTable:
+    """The plate as stated: the deviation of its zero, and of each angle, rad."""
+
+    gravity: Measured
+    zero: float
+    division: float
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The imperfections, as data."""
+        g = self.gravity
+        return (
+            Parameter("g", "m/s²", g.sd, "run", g.value, "local gravity"),
+            Parameter("zero", "rad", self.zero, "run", meaning="zero of the plate's scale"),
+            Parameter("division", "rad", self.division, "position", meaning="error of one angle"),
+        )
+
+    def nuisances(self, steps: Sequence[Tilt], sensor: Sensor) -> Mapping[str, Parameter]:
+        """Return the parameters that act on these steps, by full name."""
+        g, zero, division = self.parameters
+        own = {ErrorName(f"division[{step.label}]"): division for step in steps}
+        return {ErrorName("g"): g, ErrorName("zero"): zero, **own}
+
+    def mean_motion(self, steps: Sequence[Tilt], q: Mapping[str, Array]) -> MeanMotion:
+        """Return the specific force in each step: g (sin α, 0, cos α), or y in the place of x."""
+        g = np.asarray(q.get("g", self.gravity.value))[..., None, None]
+        off = np.stack(
+            np.broadcast_arrays(
+                *(q.get("zero", 0.0) + q.get(f"division[{s.label}]", 0.0) for s in steps)
+            ),
+            axis=-1,
+        )
+        angle = off + [step.angle for step in steps]
+        across = np.array([[p.plane == "xz", p.plane == "yz", False] for p in steps], dtype=float)
+        up = np.array([0.0, 0.0, 1.0])
+        sine, cosine = np.sin(angle)[..., None], np.cos(angle)[..., None]
+        f, by_angle = g * (across * sine + up * cosine), g * (across * cosine - up * sine)
+        alone = {
+            f"division[{s.label}]": by_angle * (np.arange(len(steps)) == k)[:, None]
+            for k, s in enumerate(steps)
+        }
+        return MeanMotion(Motion(f), {"g": f / g, "zero": by_angle, **alone})
+
+    def reading_offsets(
+        self, steps: Sequence[Tilt], sensor: Sensor, q: Mapping[str, Array]
+    ) -> Array:
+        """Return that no error adds to readings themselves."""
+        return np.zeros(())
+
+
+class TiltTableSection(BenchSection):
+    """[bench]."""
+
+    kind: Literal["tilt_table"]
+    zero: str = "0.1 °"
+    division: str = "10 ″"
+
+
+class TiltTableData(DataSection):
+    """[data]: rows are positions."""
+
+    plane: str | int
+    angle: str | int
+    angle_unit: str = "°"
+
+    def readback(self, bench: TiltTable) -> tuple[Readback, ...]:
+        """Return the column of the plate's angle."""
+        return (Readback("angle", str(self.angle), size_of(self.angle_unit, "°", "angle_unit")),)
+
+
+def build(section: TiltTableSection, folder: Path) -> TiltTable:
+    """Return the bench in SI."""
+    return TiltTable(gravity_of(section), small(section, "zero"), small(section, "division"))
+
+
+def read(run: Source[TiltTableData]) -> Gathered:
+    """Return the observations of a run: of a table of means, or of labelled sections."""
+    path, wanted, bench = run.file(run.data.file), columns(run), run.bench
+    column, size = readback_columns(run)["angle"], readback_units(run)["angle"]
+    conditions = {"gravity": readable(bench.gravity.value, bench.gravity.sd, "m/s²")}
+    if run.data.kind == "means":
+        table = read_columns(path, wanted, [str(run.data.plane), column])
+        planes = [str(one) for one in table.columns[str(run.data.plane)].tolist()]
+        steps = _steps(planes, table.numbers(column) * size)
+        labels = tuple(step.label for step in steps)
+        ones = np.ones(len(labels))
+        means = means_of(path, table, labels, wanted, run.sensor, stated_sd(run), ones)
+        return Gathered(None, (), means, steps, steps, (), conditions)
+    recording = load_recording(run)
+    marks, told = marks_from_labels(recording), recording.readback["angle"] * size
+    angles = np.array([told[mark.start : mark.stop].mean() for mark in marks])
+    steps = tuple(
+        Tilt(mark.label, _plane(mark.label[:2]), angle, recording.span(mark.start, mark.stop))
+        for mark, angle in zip(marks, angles.tolist(), strict=True)
+    )
+    means = observe(recording, run.sensor, marks, steps)
+    return Gathered(recording, marks, means, steps, steps, recording.findings, conditions)
+
+
+def _plane(text: str) -> Plane:
+    return "yz" if text == "yz" else "xz"
+
+
+def _steps(planes: Sequence[str], angles: Array) -> tuple[Tilt, ...]:
+    return tuple(
+        Tilt(f"{plane} {angle * 180 / pi:.6g}", _plane(plane), angle, 0.0)
+        for plane, angle in zip(planes, angles.tolist(), strict=True)
+    )
+
+
+def simulate(
+    bench: TiltTable,
+    steps: Sequence[Tilt],
+    rate_hz: float,
+    rng: np.random.Generator,
+    trials: int,
+    sensor: Sensor,
+    carried: bool,
+) -> Simulated:
+    """Carry a plan out, one position after the other."""
+    drawn = {
+        name: one.value + one.sd * rng.standard_normal(trials)
+        for name, one in bench.nuisances(steps, sensor).items()
+    }
+    counts = [round(step.seconds * rate_hz) for step in steps]
+    made = bench.mean_motion(steps, drawn).motion.f
+    labels = np.repeat([step.label for step in steps], counts)
+    told = np.repeat([step.angle for step in steps], counts)
+    time, motion = np.arange(len(labels)) / rate_hz, Motion(np.repeat(made, counts, axis=-2))
+    return Simulated(SimulatedMotion(time, motion, labels, drawn, {"angle": told}), sensor)
+
+
+def seconds(bench: TiltTable, steps: Sequence[Tilt]) -> float:
+    """Return how long steps last, s."""
+    return sum(step.seconds for step in steps)
+
+
+def sheet(run: Source[TiltTableData]) -> Sheet:
+    """Return what the operator sets."""
+    size = readback_units(run)["angle"]
+    rows: list[Row] = []
+    for step in (one for one in run.steps if isinstance(one, Tilt)):
+        told = f"{step.angle / size:g}"
+        given = (step.plane, told)
+        rows.append(Row(step.label, (step.label, *given), step.seconds, step.plane, given))
+    data: Any = run.data
+    return Sheet(
+        f"{len(rows)} positions",
+        (Heading("position"), Heading("plane"), Heading(f"angle, {data.angle_unit}", right=True)),
+        tuple(rows),
+        ("Set each angle from below.",),
+        (data.plane, data.angle, *data.accelerometer),
+    )
+
+
+KIND = Kind(
+    "tilt_table",
+    TiltTable,
+    TiltTableSection,
+    TiltTableData,
+    build,
+    (Tilt,),
+    read,
+    simulate,
+    seconds,
+    Vocabulary(row="position", rows="positions"),
+    sheet=sheet,
+)
+METHOD = Method(
+    name="tilt_means",
+    bench=TiltTable,
+    finds={"f": ("bias", "scale", "misalignment")},
+    also={"f": ("temperature", "k2")},
+    needs=("f",),
+    plan=plan,
+    estimators={"joint": joint},
+    source="the example of a bench of your own",
+)
