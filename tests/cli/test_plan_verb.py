@@ -147,7 +147,10 @@ def test_nothing_is_written_where_the_plan_leaves_coefficients_open(
     ("arguments", "said"),
     [
         (("dual-orthogonal",), "a plan of dual_orthogonal needs the run file: --run"),
-        (("dual-orthogonal", "-r", "RUN", "-o", "a.html"), "name a .csv; the page is written"),
+        (
+            ("dual-orthogonal", "-r", "RUN", "-o", "a.html"),
+            "--out a.html: name a .csv; the page is written beside it",
+        ),
         (("dual-orthogonal", "-r", "RUN", "--seconds", "0"), "'0.0 s' must be positive"),
         (("multi-position", "-o", "a.csv"), "worksheets are of a dividing head"),
     ],

@@ -38,6 +38,7 @@ class _Place(NamedTuple):
     names: tuple[str, ...]
     takes: Any
     example: Any
+    meaning: str = ""
 
 
 def unknown_kind(chosen: object) -> str:
@@ -72,7 +73,8 @@ def worded(error: ValidationError, content: Mapping[str, Any], schema: type[RunS
     if isinstance(loc[-1], int) and kind == "missing":  # of a list of fixed length
         place, kind = _place(loc[:-1], schema), "too_short"
     if kind == "missing":
-        line = f"{_key(place.names)} is missing{_such_as(place)}"
+        column = f": name the {place.meaning}" * place.meaning.startswith("column ")
+        line = f"{_key(place.names)} is missing{column}{_such_as(place)}"
         if _is_section(place.takes):
             line = f"[{_dotted(place.names)}] is missing"
         for other in others:  # it may be there, misspelt
@@ -167,12 +169,14 @@ def _place(loc: tuple[int | str, ...], schema: type[RunSchema]) -> _Place:
     names: list[str] = []
     takes: Any = schema
     example: Any = None
+    meaning = ""
     parts = list(loc)
     for part in parts:
         kind = _kinds(takes)[0]
         if isinstance(kind, type) and issubclass(kind, BaseModel):
             field = kind.model_fields[str(part)]
             takes, example = field.annotation, _example(field)
+            meaning = field.description or ""
         elif get_origin(kind) is dict:
             takes = get_args(kind)[1]
             example = example and example.get(part, next(iter(example.values())))
@@ -183,7 +187,7 @@ def _place(loc: tuple[int | str, ...], schema: type[RunSchema]) -> _Place:
         else:  # which type of several was tried
             break
         names.append(str(part))
-    return _Place(tuple(names), takes, example)
+    return _Place(tuple(names), takes, example, meaning)
 
 
 def _example(field: FieldInfo) -> Any:
