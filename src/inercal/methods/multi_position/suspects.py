@@ -184,13 +184,18 @@ def _of_drift(rests: Rests, rows: Rows, x: Array, enter: Array) -> Iterator[Cand
 
 
 def _of_rests(rests: Rests, enter: Array) -> Iterator[Candidate]:
-    """Return each rest by itself, with its time where that is known."""
+    """Return each rest by itself, its accelerometers and its gyros, with its time where known.
+
+    Apart: six directions at once would take a large share of the level from all other candidates.
+    """
     sensor, seen = rests.sensor, rests.observations
-    axes = [k for k, one in enumerate(sensor.axes) if one.measures == "f" or rests.passages]
-    units = tuple(_UNITS[sensor.axes[k].measures] for k in axes)
-    for k, (label, time) in enumerate(zip(seen.labels, seen.time.tolist(), strict=True)):
-        own = np.zeros((len(enter), enter.shape[1], len(axes)))
-        own[k] = enter[k][:, axes]
-        names = tuple(f"{sensor.axes[a].name}[{label}]" for a in axes)
-        name = f"{label} at {time:.4g} s" if seen.timed else label
-        yield Candidate(name, "row", names, units, placed(rests, own))
+    kinds = {one.measures for one in sensor.axes if one.measures == "f" or rests.passages}
+    for kind in sorted(kinds):
+        axes = [k for k, one in enumerate(sensor.axes) if one.measures == kind]
+        for k, (label, time) in enumerate(zip(seen.labels, seen.time.tolist(), strict=True)):
+            own = np.zeros((len(enter), enter.shape[1], len(axes)))
+            own[k] = enter[k][:, axes]
+            names = tuple(f"{sensor.axes[a].name}[{label}]" for a in axes)
+            name = f"{label} at {time:.4g} s" if seen.timed else label
+            name += f" ({_NAMES[kind]})" * (len(kinds) > 1)
+            yield Candidate(name, "row", names, (_UNITS[kind],) * len(axes), placed(rests, own))
