@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from inercal.benches import MeanMotion
 from inercal.benches.contract import Simulated, SimulatedMotion
@@ -67,7 +68,9 @@ class TiltTable:
         """The imperfections, as data."""
         g = self.gravity
         return (
-            Parameter("g", "m/s²", g.sd, "run", g.value, "local gravity"),
+            Parameter(
+                "g", "m/s²", g.sd, "run", g.value, "local gravity", g.key_if_assumed("gravity")
+            ),
             Parameter("zero", "rad", self.zero, "run", meaning="zero of the plate's scale"),
             Parameter("division", "rad", self.division, "position", meaning="error of one angle"),
         )
@@ -116,8 +119,8 @@ class TiltTableSection(BenchSection):
 class TiltTableData(DataSection):
     """[data]: rows are positions."""
 
-    plane: str | int
-    angle: str | int
+    plane: str | int = Field(description="column of the plane", examples=["plane"])
+    angle: str | int = Field(description="column of the plate's angle", examples=["angle"])
     angle_unit: str = "°"
 
     def readback(self, bench: TiltTable) -> tuple[Readback, ...]:

@@ -1,10 +1,14 @@
 """The pages say what the code says: keys, defaults, tables, findings, snippets, links."""
 
+import importlib.util
 import re
+import shutil
+import sys
 import tomllib
 from collections.abc import Iterator
-from dataclasses import fields
+from dataclasses import MISSING, fields
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -15,11 +19,14 @@ from tests.store import generator
 
 import inercal
 from inercal.benches import Hand
+from inercal.benches.kind import Kind
 from inercal.benches.kinds import KINDS
 from inercal.cli import store_objects
-from inercal.methods import METHODS
-from inercal.pipeline import calibrate
-from inercal.runfile import schema
+from inercal.errors import InputError
+from inercal.io.write import write_recordings
+from inercal.methods import METHODS, Method
+from inercal.pipeline import calibrate, simulate_files
+from inercal.runfile import read, schema
 from inercal.sensors import SI_UNITS
 from inercal.sensors.tables import ACCELEROMETER, GYRO, Coefficient
 from inercal.store import FileEntry, Register, RunEntry
@@ -40,6 +47,21 @@ SECTIONS: dict[str, type[BaseModel]] = {
     "[data]": schema.DataSection,
     "[method]": schema.MethodSection,
     "[method.search]": schema.SearchSection,
+}
+# Of [data] a kind of bench has keys of its own, which stand in a table of their own.
+KEYS = {heading: dict(section.model_fields) for heading, section in SECTIONS.items()} | {
+    f"[data], {words}": {
+        key: field
+        for key, field in KINDS[kind].data.model_fields.items()
+        if key not in schema.DataSection.model_fields or (field.is_required() and key != "file")
+    }
+    for kind, words in (
+        ("hand", "by hand"),
+        ("centrifuge", "on a centrifuge"),
+        ("dividing_head", "on a dividing head"),
+        ("rate_table", "on a rate table"),
+        ("turntable", "on a turntable"),
+    )
 }
 
 
@@ -73,13 +95,12 @@ def default(field: FieldInfo) -> str:
     return f"`{list(value)}`".replace("'", '"') if isinstance(value, tuple) else f"`{value}`"
 
 
-@pytest.mark.parametrize("heading", SECTIONS)
+@pytest.mark.parametrize("heading", KEYS)
 def test_run_file_page_has_every_key_of_the_schema_with_its_default(heading: str):
     written = {
         cells[0]: cells[1] for cells in rows(section(page("reference/run-file.md"), heading))
     }
-    fields = SECTIONS[heading].model_fields
-    assert written == {f"`{name}`": default(field) for name, field in fields.items()}
+    assert written == {f"`{name}`": default(field) for name, field in KEYS[heading].items()}
 
 
 def test_run_file_page_has_every_method_and_estimator():
@@ -285,3 +306,114 @@ def test_the_snippet_of_the_register_page_runs(
     (text,) = snippets("how-to/register.md")
     exec(text.replace("run.calibration.json", str(file)), {})
     assert capsys.readouterr().out.startswith("{'too few': ('ax.k0', ")
+
+
+OWN = ROOT / "examples" / "own_bench"
+
+
+@pytest.fixture(scope="module")
+def tilt_table() -> Iterator[ModuleType]:
+    """Return the module of the example, as an installed package would give it."""
+    spec = importlib.util.spec_from_file_location("tilt_table", OWN / "tilt_table.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(sys.modules, "tilt_table", module)
+        spec.loader.exec_module(module)
+        yield module
+
+
+@pytest.fixture
+def tilted(tilt_table: ModuleType, tmp_path: Path) -> Iterator[Path]:
+    """Return a copy of the example's run file, its kind and its method being known."""
+    shutil.copy(OWN / "tilt.toml", tmp_path)
+    with KINDS.with_("tilt_table", tilt_table.KIND), METHODS.with_("tilt_means", tilt_table.METHOD):
+        yield tmp_path / "tilt.toml"
+
+
+def test_excerpts_on_the_pages_of_ones_own_are_those_of_the_examples():
+    files = [OWN / "tilt_table.py", OWN / "pyproject.toml", OWN / "tilt.toml"]
+    source = "\n".join(
+        path.read_text(encoding="utf-8") for path in (*files, ROOT / "tests" / "rest_biases.py")
+    )
+    excerpts = [*snippets("how-to/own-bench.md"), *snippets("how-to/own-method.md")]
+    excerpts = [text for text in excerpts if not text.startswith(("import ", "from "))]
+    excerpts += re.findall(r"```toml\n(.*?)```", page("how-to/own-bench.md"), flags=re.S)
+    for name in ("own-bench", "own-method"):
+        excerpts += re.findall(r"```text\n(\[project.*?)```", page(f"how-to/{name}.md"), flags=re.S)
+    assert len(excerpts) >= 18
+    for text in excerpts:
+        assert text in source, text
+
+
+@pytest.mark.parametrize(
+    ("name", "heading", "one"),
+    [("own-bench", "All fields of Kind", Kind), ("own-method", "All fields of Method", Method)],
+    ids=["kind", "method"],
+)
+def test_the_pages_of_ones_own_have_every_field_and_say_which_are_needed(
+    name: str, heading: str, one: type[Any]
+):
+    cells = list(rows(section(page(f"how-to/{name}.md"), heading)))
+    needed = [f.default is MISSING and f.default_factory is MISSING for f in fields(one)]
+    assert [(c[0], c[1] == "needed") for c in cells] == [
+        (f"`{f.name}`", must) for f, must in zip(fields(one), needed, strict=True)
+    ]
+
+
+def test_the_tests_on_the_page_of_a_bench_of_ones_own_pass(tilt_table: ModuleType):
+    (text,) = (one for one in snippets("how-to/own-bench.md") if one.startswith("import"))
+    scope: dict[str, Any] = {}
+    exec(text, scope)
+    tests = [one for name, one in scope.items() if name.startswith("test_")]
+    assert len(tests) == 4
+    for one in tests:
+        one()
+
+
+def test_the_page_of_a_bench_of_ones_own_shows_what_its_run_gives(tilted: Path):
+    run = read(tilted)
+    write_recordings({run.file(name): made for name, made in simulate_files(run).items()})
+    calibration = calibrate(run).calibration
+    text = page("how-to/own-bench.md")
+    shown = re.findall(r"│ (a\w\.\w+) +│[^│]+│ +(\S+) │ +(\S+) │ \S+ +│ +(\S+) │", text)
+    assert len(shown) == 4
+    for name, *cells in shown:
+        si, u = calibration.sensor.coefficient(name).si, calibration.uncertainty(name)
+        value = calibration.value(name)
+        error = (value - run.truth.get(name, 0.0)) / u
+        assert cells == [*digits(value / si, 2 * u / si), f"{error:+.2f}"]
+
+
+def test_mistakes_in_the_run_file_of_ones_own_bench_are_answered_as_the_page_says(tilted: Path):
+    right = tilted.read_text(encoding="utf-8")
+    text = section(page("how-to/own-bench.md"), "4. State the sections of the run file")
+    changes = [
+        re.findall(r"`([^`]*)`", f"{change} {message}")
+        for change, message in rows(text)
+        if "→" in change
+    ]
+    assert len(changes) == 6
+    for old, new, message in changes:
+        assert right.count(old) == 1
+        tilted.write_text(right.replace(old, new), encoding="utf-8")
+        with pytest.raises(InputError) as refused:
+            read(tilted)
+        assert message in str(refused.value)
+
+
+def test_the_estimator_on_the_page_of_a_method_of_ones_own_is_judged_as_it_says(tilted: Path):
+    (text,) = (one for one in snippets("how-to/own-method.md") if one.startswith("from"))
+    scope: dict[str, Any] = {}
+    exec(text, scope)
+    run_file = tilted.read_text(encoding="utf-8")
+    other = 'name = "tilt_both"\nestimator = "exact"'
+    tilted.write_text(run_file.replace('name = "tilt_means"', other), encoding="utf-8")
+    with METHODS.with_("tilt_both", scope["BOTH"]):
+        run = read(tilted)
+        write_recordings({run.file(name): made for name, made in simulate_files(run).items()})
+        verdict = calibrate(run).verdict
+    assert verdict.grade == "unreliable"
+    (printed,) = re.findall(r"```text\n(suspect: .*?)```", page("how-to/own-method.md"), flags=re.S)
+    assert " ".join(printed.split()) in verdict.lines

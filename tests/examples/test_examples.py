@@ -62,7 +62,11 @@ def session(name: str, folder: Path, data_dir: Path, more: str = "") -> Outcome:
 
 
 def test_every_run_file_of_the_examples_is_run_by_a_test():
-    found = {str(path.relative_to(ROOT / "examples")) for path in ROOT.glob("examples/**/*.toml")}
+    found = {
+        str(path.relative_to(ROOT / "examples"))
+        for path in ROOT.glob("examples/**/*.toml")
+        if path.name != "pyproject.toml"
+    }
     run = {"six_position/run.toml", "ferraris_simulated/run.toml", "hand_held/simulated.toml"}
     run |= {f"hand_held/{name}.toml" for name in ("xsens", "mpu9150")}  # by tests/accuracy
     run |= {"six_position/soaks.toml"}  # by tests/test_temperature_runs.py
@@ -74,6 +78,7 @@ def test_every_run_file_of_the_examples_is_run_by_a_test():
     run |= {"turntable/mimu.toml", "turntable/two_clocks.toml"}
     run |= {"bench/packets.toml"}  # by tests/host/packets/test_page.py
     run |= {"bench/plan.toml", "verdict/left_out.toml"}
+    run |= {"own_bench/tilt.toml"}  # by tests/benches/test_from_outside.py
     run |= {f"dividing_head/{name}.toml" for name in ("pair", "lab", "tumble")}
     assert found == run | {f"ferraris_recordings/{name}.toml" for name in SESSIONS}
 
