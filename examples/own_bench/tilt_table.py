@@ -16,6 +16,7 @@ from pydantic import Field
 
 from inercal.benches import MeanMotion
 from inercal.benches.contract import Simulated, SimulatedMotion
+from inercal.benches.declare import built, declared_parameters, keys_of, small_angle
 from inercal.benches.kind import Kind, Vocabulary
 from inercal.benches.sheet import Heading, Row, Sheet
 from inercal.data import DataSection, Gathered, Readback, Source, size_of
@@ -25,10 +26,10 @@ from inercal.keys import ErrorName
 from inercal.methods import Method
 from inercal.methods.vectors import joint
 from inercal.motion import Motion
-from inercal.parameters import Parameter
+from inercal.parameters import Parameter, local_gravity
 from inercal.segments import marks_from_labels, observe
 from inercal.sensors import Sensor
-from inercal.settings import BenchSection, gravity_of, small
+from inercal.settings import BenchSection
 from inercal.units import Measured, readable
 
 Array = NDArray[np.float64]
@@ -60,20 +61,13 @@ class TiltTable:
     """The plate as stated: the deviation of its zero, and of each angle, rad."""
 
     gravity: Measured
-    zero: float
-    division: float
+    zero: float = small_angle("0.1 °", "zero of the plate's scale")
+    division: float = small_angle("10 ″", "error of one angle", scope="position")
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The imperfections, as data."""
-        g = self.gravity
-        return (
-            Parameter(
-                "g", "m/s²", g.sd, "run", g.value, "local gravity", g.key_if_assumed("gravity")
-            ),
-            Parameter("zero", "rad", self.zero, "run", meaning="zero of the plate's scale"),
-            Parameter("division", "rad", self.division, "position", meaning="error of one angle"),
-        )
+        return (local_gravity(self.gravity), *declared_parameters(self))
 
     def nuisances(self, steps: Sequence[Tilt], sensor: Sensor) -> Mapping[str, Parameter]:
         """Return the parameters that act on these steps, by full name."""
@@ -108,12 +102,11 @@ class TiltTable:
         return np.zeros(())
 
 
+@keys_of(TiltTable)
 class TiltTableSection(BenchSection):
     """[bench]."""
 
     kind: Literal["tilt_table"]
-    zero: str = "0.1 °"
-    division: str = "10 ″"
 
 
 class TiltTableData(DataSection):
@@ -130,7 +123,7 @@ class TiltTableData(DataSection):
 
 def build(section: TiltTableSection, folder: Path) -> TiltTable:
     """Return the bench in SI."""
-    return TiltTable(gravity_of(section), small(section, "zero"), small(section, "division"))
+    return built(TiltTable, section)
 
 
 def read(run: Source[TiltTableData]) -> Gathered:

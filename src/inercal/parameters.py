@@ -7,6 +7,8 @@ nuisance with its standard deviation as the prior, and the Type B budget lists i
 from dataclasses import dataclass
 from typing import Literal
 
+from inercal.units import Measured
+
 Scope = Literal["run", "position", "turn", "dwell", "pass", "mounting", "speed"]
 
 
@@ -42,3 +44,26 @@ class Parameter:
     meaning: str = ""
     assumed: str = ""
     attitude: bool = False
+
+    @classmethod
+    def measured(
+        cls, name: str, unit: str, found: Measured, meaning: str, key: str = ""
+    ) -> "Parameter":
+        """Return a measured constant as a parameter of the run.
+
+        Parameters
+        ----------
+        name, unit, meaning : str
+            As of a parameter.
+        found : Measured
+            SI.
+        key : str
+            The key of a run file that states it; empty is `name`.
+        """
+        assumed = found.key_if_assumed(key or name)
+        return cls(name, unit, found.sd, "run", found.value, meaning, assumed)
+
+
+def local_gravity(gravity: Measured) -> Parameter:
+    """Return the parameter "g" of a bench from its gravity, m/s²."""
+    return Parameter.measured("g", "m/s²", gravity, "local gravity", "gravity")

@@ -5,6 +5,7 @@ where its default is none, or says nothing: complaints show it.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, model_validator
 
@@ -12,7 +13,16 @@ from inercal.earth import normal_gravity
 from inercal.errors import InputError
 from inercal.units import Measured, parse
 
-LARGEST_TILT = 0.0175  # rad
+
+class Limit(NamedTuple):
+    """The largest possible value of a deviation, SI, and what it is: "a bench can lean, 1°"."""
+
+    value: float
+    meaning: str
+
+
+# Tilts act to first order of their square.
+SMALL_ANGLE = Limit(0.0175, "a bench can lean, 1°")
 # What enters no result: names, and the truth of a simulation.
 DESCRIPTION: dict[str, JsonValue] = {"role": "description"}
 # What shapes the plan or its simulation alone: limits of a table's motion, and where the IMU is on
@@ -104,23 +114,37 @@ def measured(text: str, like: str, key: str, *, last_digit: bool = True) -> Meas
         raise InputError(f"{key}: {error}") from None
 
 
-def deviation(section: BenchSection, name: str, like: str) -> float:
-    """Return a standard deviation that the section states."""
+def constant_of(section: BenchSection, name: str, like: str) -> Measured:
+    """Return a measured constant that the section states, SI."""
+    return measured(getattr(section, name), like, f"[bench] {name}")
+
+
+def length_of(section: BenchSection, name: str) -> Measured:
+    """Return a measured length that must be positive, m."""
+    length = constant_of(section, name, "m")
+    if length.value <= 0:
+        raise InputError(f"[bench] {name}: {getattr(section, name)!r} must be positive")
+    return length
+
+
+def deviation_of(section: BenchSection, name: str, like: str, limit: Limit | None = None) -> float:
+    """Return a standard deviation that the section states, SI."""
     text = getattr(section, name)
     value = si_value(text, like, f"[bench] {name}")
     if value < 0:
         raise InputError(f"[bench] {name}: {text!r} must not be negative")
+    if limit is not None and value > limit.value:
+        raise InputError(f"[bench] {name}: {text!r} is more than {limit.meaning}")
     return value
 
 
-def small(section: BenchSection, name: str) -> float:
-    """Return a deviation that must be a small angle: tilts act to first order of their square."""
-    value = deviation(section, name, "°")
-    if value > LARGEST_TILT:
-        raise InputError(
-            f"[bench] {name}: {getattr(section, name)!r} is more than a bench can lean, 1°"
-        )
-    return value
+def harmonics_of(section: BenchSection, name: str) -> tuple[float, ...]:
+    """Return several deviations that must be small angles, rad."""
+    key, texts = f"[bench] {name}", getattr(section, name)
+    values = tuple(si_value(text, "°", key) for text in texts)
+    if not all(0 <= sd <= SMALL_ANGLE.value for sd in values):
+        raise InputError(f"{key}: {', '.join(texts)}: give each from 0 to 1°")
+    return values
 
 
 def gravity_of(section: BenchSection) -> Measured:

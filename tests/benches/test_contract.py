@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,12 +11,13 @@ import pytest
 from numpy.typing import NDArray
 
 from inercal.benches import MeanBench
+from inercal.benches.declare import declarations, declared_parameters
 from inercal.benches.kind import Kind
 from inercal.benches.kinds import KINDS, kind_of
 from inercal.keys import ErrorName
 from inercal.methods import METHODS, Method
 from inercal.sensors import Sensor, imu, triad
-from inercal.units import Measured
+from inercal.units import Measured, parse
 
 Array = NDArray[np.float64]
 GRAVITY = Measured(9.81, 1e-4)
@@ -64,6 +66,25 @@ def test_declared_parameters_are_distinct_and_finite(kind: str) -> None:
     assert len(set(names)) == len(names)
     assert all(np.isfinite([one.sd, one.value]).all() and one.sd >= 0 for one in declared)
     assert all(one.meaning and one.unit for one in declared)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_each_declared_deviation_is_a_key_and_is_read_in_si(kind: str) -> None:
+    chosen = KINDS[kind]
+    keys = chosen.section.model_fields
+    needed = {key: "0.25 m" for key, one in keys.items() if one.is_required() and key != "kind"}
+    section = chosen.section.model_validate({"kind": kind, "latitude": "38 °"} | needed)
+    bench = chosen.build(section, Path())
+    for name, one in declarations(chosen.bench).items():
+        stated = parse(keys[one.key or name].default, one.like)
+        found = getattr(bench, name)
+        assert found == stated if isinstance(found, Measured) else found == stated.value
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_parameters_that_fields_declare_are_the_benchs(kind: str) -> None:
+    bench = bench_of(KINDS[kind])
+    assert set(declared_parameters(bench)) <= set(bench.parameters)
 
 
 @pytest.mark.parametrize(("kind", "method"), plans())

@@ -4,7 +4,7 @@ What its arm makes a sensor feel stands in `inercal.benches.centrifuge.arm`.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import cos, sqrt
 from typing import Literal
 
@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from inercal.benches.centrifuge.arm import felt_vector, positions
 from inercal.benches.contract import MeanMotion
+from inercal.benches.declare import constant, declared_parameters, deviation, small_angle
 from inercal.earth import EARTH_RATE
 from inercal.motion import Motion
-from inercal.parameters import Parameter
+from inercal.parameters import Parameter, local_gravity
 from inercal.plan import Spin
 from inercal.sensors import Sensor
 from inercal.units import Measured
@@ -23,7 +24,6 @@ from inercal.units import Measured
 Array = NDArray[np.float64]
 
 Platform = Literal["locked", "counter-rotating"]
-_EXACT = Measured(0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -63,75 +63,43 @@ class Centrifuge:
     gravity: Measured
     radius: Measured
     latitude: Measured | None = None
-    stretch: Measured = field(default=_EXACT)
-    rate: float = 0.0
-    tilt: float = 0.0
-    lean: float = 0.0
-    dwell_rate: float = 0.0
-    dwell_tilt: float = 0.0
+    stretch: Measured = constant(
+        "1/(m/s²)", "0 ppm/g ± 0", "stretch of the arm", example="0.2 ppm/g ± 0.05 ppm/g"
+    )
+    rate: float = deviation("1", "1 ppm", "rate of the arm, relative", key="rate_error")
+    tilt: float = small_angle("2 ″", "tilt of gravity against the arm")
+    lean: float = small_angle("2 ″", {f"lean{k}": "lean of the spindle" for k in (1, 2)})
+    dwell_rate: float = deviation("1", "0 ppm", "rate of a dwell", scope="dwell", example="0.2 ppm")
+    dwell_tilt: float = small_angle("0 ″", "tilt of a dwell", scope="dwell", example="1 ″")
     platform: Platform = "locked"
-    mounting: float = 0.0
+    mounting: float = deviation(
+        "°", "0.1 °", {f"mount_{a}": f"mounting about {a}" for a in "xyz"}, attitude=True
+    )
     indexing: float | None = None
     sense: Literal[1, -1] = 1
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The imperfections, as data."""
-        g, r, s = self.gravity, self.radius, self.stretch
         # Of a vector of known length and unknown direction each component has 1/√3 of it.
         earth = Parameter(
             "earth_up", "rad/s", EARTH_RATE / sqrt(3), "run", 0.0, "earth rate along the spindle"
         )
         level = EARTH_RATE / sqrt(3)
         if (place := self.latitude) is not None:
-            earth = Parameter(
-                "latitude",
-                "rad",
-                place.sd,
-                "run",
-                place.value,
-                "latitude",
-                place.key_if_assumed("latitude"),
-            )
+            earth = Parameter.measured("latitude", "rad", place, "latitude")
             level = EARTH_RATE * cos(place.value) / sqrt(2)  # where north is, is not known
         # Over whole turns of an arm that the sensor is locked to it is not felt.
         level *= self.platform != "locked"
         indexing = self.indexing or 0.0
         return (
-            Parameter(
-                "g", "m/s²", g.sd, "run", g.value, "local gravity", g.key_if_assumed("gravity")
-            ),
-            Parameter(
-                "radius", "m", r.sd, "run", r.value, "static radius", r.key_if_assumed("radius")
-            ),
-            Parameter(
-                "stretch",
-                "(m/s²)⁻¹",
-                s.sd,
-                "run",
-                s.value,
-                "stretch of the arm",
-                s.key_if_assumed("stretch"),
-            ),
-            Parameter("rate", "1", self.rate, "run", 0.0, "rate of the arm, relative"),
-            Parameter("tilt", "rad", self.tilt, "run", 0.0, "tilt of gravity against the arm"),
-            Parameter("lean1", "rad", self.lean, "run", 0.0, "lean of the spindle"),
-            Parameter("lean2", "rad", self.lean, "run", 0.0, "lean of the spindle"),
+            local_gravity(self.gravity),
+            Parameter.measured("radius", "m", self.radius, "static radius"),
+            *declared_parameters(self, "stretch", "rate", "tilt", "lean"),
             earth,
             Parameter("level1", "rad/s", level, "run", 0.0, "earth rate, level"),
             Parameter("level2", "rad/s", level, "run", 0.0, "earth rate, level"),
-            *(
-                Parameter(
-                    f"mount_{a}",
-                    "rad",
-                    self.mounting,
-                    "run",
-                    0.0,
-                    f"mounting about {a}",
-                    attitude=True,
-                )
-                for a in "xyz"
-            ),
+            *declared_parameters(self, "mounting"),
             *(
                 Parameter(
                     f"index_{a}",
@@ -144,8 +112,7 @@ class Centrifuge:
                 )
                 for a in "xyz"
             ),
-            Parameter("dwell_rate", "1", self.dwell_rate, "dwell", 0.0, "rate of a dwell"),
-            Parameter("dwell_tilt", "rad", self.dwell_tilt, "dwell", 0.0, "tilt of a dwell"),
+            *declared_parameters(self, "dwell_rate", "dwell_tilt"),
         )
 
     def nuisances(self, steps: Sequence[Spin], sensor: Sensor) -> dict[str, Parameter]:

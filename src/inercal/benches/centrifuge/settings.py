@@ -6,36 +6,23 @@ from typing import Literal
 from pydantic import Field
 
 from inercal.benches.centrifuge.bench import Centrifuge
+from inercal.benches.declare import built, keys_of
 from inercal.data.section import DataSection, Readback, size_of
 from inercal.earth import earth_rate_up_north
-from inercal.errors import InputError
-from inercal.settings import (
-    BenchSection,
-    Use,
-    deviation,
-    gravity_of,
-    measured,
-    small,
-)
+from inercal.settings import BenchSection, Use, constant_of, deviation_of, length_of
 
 
+@keys_of(Centrifuge, after={"platform": "dwell_tilt"})
 class CentrifugeSection(BenchSection):
     """[bench]: a precision centrifuge."""
 
     kind: Literal["centrifuge"]
     radius: str = Field(examples=["1 m ± 10 µm"])
-    stretch: str = Field("0 ppm/g ± 0", examples=["0.2 ppm/g ± 0.05 ppm/g"])
-    rate_error: str = "1 ppm"
-    tilt: str = "2 ″"
-    lean: str = "2 ″"
-    dwell_rate: str = Field("0 ppm", examples=["0.2 ppm"])
-    dwell_tilt: str = Field("0 ″", examples=["1 ″"])
     platform: Literal["locked", "counter-rotating"] = "locked"
     sense: Literal["counter-clockwise", "clockwise"] = "counter-clockwise"
     indexing: str | None = Field(
         None, description="of each attitude, where attitudes are known", examples=["0.02 °"]
     )
-    mounting: str = "0.1 °"
 
     def idle(self, use: Use) -> dict[str, str]:
         """Return the keys that change no result of such a use, each with the reason."""
@@ -74,25 +61,16 @@ class CentrifugeData(DataSection):
 
 def build(section: CentrifugeSection, folder: Path) -> Centrifuge:
     """Return the bench in SI; files that it names lie in `folder`."""
-    radius = measured(section.radius, "m", "[bench] radius")
-    if radius.value <= 0:
-        raise InputError(f"[bench] radius: {section.radius!r} must be positive")
     latitude = None
     if section.latitude is not None:
-        latitude = measured(section.latitude, "°", "[bench] latitude")
+        latitude = constant_of(section, "latitude", "°")
         earth_rate_up_north(latitude.value)  # refuses what is no latitude
-    return Centrifuge(
-        gravity=gravity_of(section),
-        radius=radius,
+    return built(
+        Centrifuge,
+        section,
+        radius=length_of(section, "radius"),
         latitude=latitude,
-        stretch=measured(section.stretch, "1/(m/s²)", "[bench] stretch"),
-        rate=deviation(section, "rate_error", "1"),
-        tilt=small(section, "tilt"),
-        lean=small(section, "lean"),
-        dwell_rate=deviation(section, "dwell_rate", "1"),
-        dwell_tilt=small(section, "dwell_tilt"),
         platform=section.platform,
-        mounting=deviation(section, "mounting", "°"),
-        indexing=None if section.indexing is None else deviation(section, "indexing", "°"),
+        indexing=None if section.indexing is None else deviation_of(section, "indexing", "°"),
         sense=1 if section.sense == "counter-clockwise" else -1,
     )

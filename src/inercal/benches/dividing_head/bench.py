@@ -25,7 +25,7 @@ the base, and does not see it tilt.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from math import hypot, isfinite, pi, sqrt
 from typing import Literal
 
@@ -33,20 +33,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches.contract import MeanMotion
+from inercal.benches.declare import declarations, declared_parameters, deviation, small_angle
 from inercal.benches.dividing_head.head_angles import acting, angles
 from inercal.benches.dividing_head.passes import pass_names, ramps
 from inercal.benches.forces import Felt
 from inercal.errors import InputError
 from inercal.motion import Motion
-from inercal.parameters import Parameter
+from inercal.parameters import Parameter, local_gravity
 from inercal.plan import Index
 from inercal.sensors import Axis, Noise, Readout, Sensor
+from inercal.settings import Limit
 from inercal.units import Measured
 
 Array = NDArray[np.float64]
 Collimated = Literal["pairs", "every", "none"]
 _NOMINAL, _SILENT = Readout(), Noise()
 _ROUNDED = 1e-15  # of a sine that is zero
+_LARGEST_DRIFT = Limit(0.1, "a bias can drift, 10 mg")  # m/s²
 
 
 def positions(n: int = 12, *, reverse: bool = False, seconds: float = 0.0) -> tuple[Index, ...]:
@@ -135,23 +138,25 @@ class DividingHead:
 
     gravity: Measured
     harmonics: tuple[float, ...] = ()
-    division: float = 0.0
-    autocollimator: float = 0.0
+    division: float = small_angle("1 ″", "graduation", scope="position")
+    autocollimator: float = small_angle("0.1 ″", {})
     collimated: Collimated = "pairs"
     polygon: tuple[float, ...] = ()
-    certificate: float = 0.0
-    base: float = 0.0
-    pier: float = 0.0
-    creep: float = 0.0
-    lean: float = 0.0
-    drift: float = 0.0
+    certificate: float = small_angle("0.1 ″", {"polygon": "face, as certified"}, scope="position")
+    base: float = small_angle("10 ″", "zero of the head")
+    pier: float = small_angle("0.1 ″", "tilt of the base", scope="position")
+    creep: float = small_angle("0 ″", "tilt of the base over a pass", scope="pass", example="0.2 ″")
+    lean: float = small_angle("20 ″", "lean of the spindle")
+    drift: float = deviation(
+        "m/s²", "0.5 µg", "drift of a bias over a pass", scope="pass", limit=_LARGEST_DRIFT
+    )
 
     def __post_init__(self) -> None:
         if not (isfinite(self.gravity.value) and self.gravity.value > 0):
             raise InputError(f"dividing head: gravity is {self.gravity.value} m/s²; give it > 0")
         deviations = {"gravity": self.gravity.sd}
         deviations |= {f"harmonic {h}": sd for h, sd in enumerate(self.harmonics, start=1)}
-        deviations |= {q.name: getattr(self, q.name) for q in fields(self) if q.default == 0.0}
+        deviations |= {name: getattr(self, name) for name in declarations(DividingHead)}
         for what, sd in deviations.items():
             if not (isfinite(sd) and sd >= 0):
                 raise InputError(f"dividing head: deviation of {what} is {sd}; give it 0 or more")
@@ -176,25 +181,12 @@ class DividingHead:
             for wave, words in (("sin", "sine"), ("cos", "cosine"))
         ]
         return (
-            Parameter(
-                "g",
-                "m/s²",
-                hypot(g.sd, shortened),
-                "run",
-                g.value,
-                "local gravity",
-                g.key_if_assumed("gravity"),
-            ),
+            replace(local_gravity(g), sd=hypot(g.sd, shortened)),
             *waves,
-            Parameter("base", "rad", self.base, "run", 0.0, "zero of the head"),
-            Parameter("lean", "rad", self.lean, "run", 0.0, "lean of the spindle"),
-            Parameter("division", "rad", self.division, "position", 0.0, "graduation"),
+            *declared_parameters(self, "base", "lean", "division"),
             Parameter("trim", "rad", pair, "position", 0.0, "angle of a pair, trimmed"),
             Parameter("face", "rad", one, "position", 0.0, "autocollimator on a face"),
-            Parameter("polygon", "rad", self.certificate, "position", 0.0, "face, as certified"),
-            Parameter("pier", "rad", self.pier, "position", 0.0, "tilt of the base"),
-            Parameter("creep", "rad", self.creep, "pass", 0.0, "tilt of the base over a pass"),
-            Parameter("drift", "m/s²", self.drift, "pass", 0.0, "drift of a bias over a pass"),
+            *declared_parameters(self, "certificate", "pier", "creep", "drift"),
         )
 
     def nuisances(self, steps: Sequence[Index], sensor: Sensor) -> dict[str, Parameter]:

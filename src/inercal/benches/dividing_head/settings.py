@@ -6,42 +6,27 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
+from inercal.benches.declare import built, keys_of
 from inercal.benches.dividing_head.bench import DividingHead
 from inercal.data.section import Readback, RestsSection, size_of
 from inercal.errors import InputError
 from inercal.io.read import read_table
-from inercal.settings import (
-    LARGEST_TILT,
-    BenchSection,
-    Use,
-    deviation,
-    gravity_of,
-    si_value,
-    small,
-)
+from inercal.settings import BenchSection, Use, harmonics_of, si_value
 
-_LARGEST_DRIFT = 0.1  # m/s²
 _FEWEST_FACES = 3  # of a polygon
 
 
+@keys_of(DividingHead, after={"autocollimation": "division", "polygon": "autocollimator"})
 class DividingHeadSection(BenchSection):
     """[bench]: a dividing head with its spindle level."""
 
     kind: Literal["dividing_head"]
     harmonics: tuple[str, ...] = ("1 ″", "1 ″")
-    division: str = "1 ″"
     autocollimation: Literal["pairs", "every", "none"] = "none"
-    autocollimator: str = "0.1 ″"
     polygon: str | None = Field(
         None, description="certificate: one row a face", examples=["polygon.csv"]
     )
     polygon_unit: str = Field("″", examples=["µrad"])
-    certificate: str = "0.1 ″"
-    base: str = "10 ″"
-    pier: str = "0.1 ″"
-    creep: str = Field("0 ″", examples=["0.2 ″"])
-    lean: str = "20 ″"
-    drift: str = "0.5 µg"
 
     def idle(self, use: Use) -> dict[str, str]:
         """Return the keys that change no result of such a use, each with the reason."""
@@ -83,13 +68,6 @@ class DividingHeadData(RestsSection):
 
 def build(section: DividingHeadSection, folder: Path) -> DividingHead:
     """Return the bench in SI; files that it names lie in `folder`."""
-    key = "[bench] harmonics"
-    harmonics = tuple(si_value(text, "°", key) for text in section.harmonics)
-    if not all(0 <= sd <= LARGEST_TILT for sd in harmonics):
-        raise InputError(f"{key}: {', '.join(section.harmonics)}: give each from 0 to 1°")
-    drift = deviation(section, "drift", "m/s²")
-    if drift > _LARGEST_DRIFT:
-        raise InputError(f"[bench] drift: {section.drift!r} is more than a bias can drift, 10 mg")
     polygon: tuple[float, ...] = ()
     if section.polygon is not None:
         if section.autocollimation == "none":
@@ -98,19 +76,12 @@ def build(section: DividingHeadSection, folder: Path) -> DividingHead:
                 'or "every"'
             )
         polygon = _polygon(folder / section.polygon, section.polygon_unit)
-    return DividingHead(
-        gravity=gravity_of(section),
-        harmonics=harmonics,
+    return built(
+        DividingHead,
+        section,
+        harmonics=harmonics_of(section, "harmonics"),
         collimated=section.autocollimation,
         polygon=polygon,
-        certificate=small(section, "certificate"),
-        division=small(section, "division"),
-        autocollimator=small(section, "autocollimator"),
-        base=small(section, "base"),
-        pier=small(section, "pier"),
-        creep=small(section, "creep"),
-        lean=small(section, "lean"),
-        drift=drift,
     )
 
 

@@ -21,9 +21,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from inercal.benches.contract import MeanMotion, stacked
+from inercal.benches.declare import declared_parameters, deviation
 from inercal.earth import EARTH_RATE, earth_rate_up_north
 from inercal.motion import Motion
-from inercal.parameters import Parameter
+from inercal.parameters import Parameter, local_gravity
 from inercal.plan import HandStep, Hold, Turn
 from inercal.sensors import Sensor
 from inercal.units import Measured
@@ -55,10 +56,24 @@ class Hand:
 
     gravity: Measured
     latitude: Measured | float | None = None
-    tilt: float = 0.5 * DEGREE
-    turn_angle: float = 1.0 * DEGREE
-    turn_tilt: float = 0.5 * DEGREE
-    timebase: float = 1e-4
+    tilt: float = deviation(
+        "°",
+        "0.5 °",
+        {f"tilt{k}": "face against the vertical" for k in (1, 2)},
+        scope="position",
+        default=0.5 * DEGREE,
+    )
+    turn_angle: float = deviation(
+        "°", "1 °", {"angle": "angle of the turn"}, scope="turn", default=1.0 * DEGREE
+    )
+    turn_tilt: float = deviation(
+        "°",
+        "0.5 °",
+        {f"axis{k}": "axis of the turn in the body" for k in (1, 2)},
+        scope="turn",
+        default=0.5 * DEGREE,
+    )
+    timebase: float = deviation("1", "100 ppm", "clock of the recording", default=1e-4)
 
     @property
     def place(self) -> Measured | None:
@@ -77,20 +92,13 @@ class Hand:
             up, north = earth_rate_up_north(place.value)
             level = abs(north) / sqrt(2)  # the azimuth is unknown
             of_up, without = abs(north) * place.sd, place.key_if_assumed("latitude")
-        g = self.gravity
         return (
-            Parameter(
-                "g", "m/s²", g.sd, "run", g.value, "local gravity", g.key_if_assumed("gravity")
-            ),
-            Parameter("tilt1", "rad", self.tilt, "position", 0.0, "face against the vertical"),
-            Parameter("tilt2", "rad", self.tilt, "position", 0.0, "face against the vertical"),
+            local_gravity(self.gravity),
+            *declared_parameters(self, "tilt"),
             Parameter("earth_up", "rad/s", of_up, "run", up, "earth rate, vertical", without),
             Parameter("earth1", "rad/s", level, "position", 0.0, "earth rate, level"),
             Parameter("earth2", "rad/s", level, "position", 0.0, "earth rate, level"),
-            Parameter("angle", "rad", self.turn_angle, "turn", 0.0, "angle of the turn"),
-            Parameter("axis1", "rad", self.turn_tilt, "turn", 0.0, "axis of the turn in the body"),
-            Parameter("axis2", "rad", self.turn_tilt, "turn", 0.0, "axis of the turn in the body"),
-            Parameter("timebase", "1", self.timebase, "run", 0.0, "clock of the recording"),
+            *declared_parameters(self, "turn_angle", "turn_tilt", "timebase"),
         )
 
     def nuisances(self, steps: Sequence[HandStep], sensor: Sensor) -> dict[str, Parameter]:

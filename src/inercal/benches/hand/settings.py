@@ -3,24 +3,16 @@
 from pathlib import Path
 from typing import Literal
 
+from inercal.benches.declare import built, keys_of
 from inercal.benches.hand.bench import Hand
-from inercal.settings import (
-    BenchSection,
-    Use,
-    deviation,
-    gravity_of,
-    measured,
-)
+from inercal.settings import BenchSection, Use, constant_of
 
 
+@keys_of(Hand)
 class HandSection(BenchSection):
     """[bench]: bare hands. Gravity is given, or computed from latitude and height."""
 
     kind: Literal["hand"] = "hand"
-    tilt: str = "0.5 °"
-    turn_angle: str = "1 °"
-    turn_tilt: str = "0.5 °"
-    timebase: str = "100 ppm"
 
     def idle(self, use: Use) -> dict[str, str]:
         """Return the keys that change no result of such a use, each with the reason."""
@@ -37,14 +29,5 @@ class HandSection(BenchSection):
 
 def build(section: HandSection, folder: Path) -> Hand:
     """Return the bench in SI; files that it names lie in `folder`."""
-    place = None
-    if section.latitude is not None:
-        place = measured(section.latitude, "°", "[bench] latitude")
-    return Hand(
-        gravity=gravity_of(section),
-        latitude=place,
-        tilt=deviation(section, "tilt", "°"),
-        turn_angle=deviation(section, "turn_angle", "°"),
-        turn_tilt=deviation(section, "turn_tilt", "°"),
-        timebase=deviation(section, "timebase", "1"),
-    )
+    known = section.latitude is not None
+    return built(Hand, section, latitude=constant_of(section, "latitude", "°") if known else None)

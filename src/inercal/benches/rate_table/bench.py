@@ -32,11 +32,12 @@ from numpy.typing import NDArray
 
 from inercal.benches.centrifuge.arm import directions
 from inercal.benches.contract import MeanMotion
+from inercal.benches.declare import declarations, declared_parameters, deviation, small_angle
 from inercal.benches.forces import Felt
 from inercal.errors import InputError
 from inercal.frames import exp_so3, left_jacobian, skew
 from inercal.motion import Motion
-from inercal.parameters import Parameter
+from inercal.parameters import Parameter, local_gravity
 from inercal.plan import Spin
 from inercal.sensors import Sensor
 from inercal.units import Measured
@@ -76,19 +77,27 @@ class RateTable:
 
     gravity: Measured
     radius: Measured
-    seat: float = 0.0
-    pose: float = 0.0
-    rate: float = 0.0
-    speed: float = 0.0
-    lean: float = 0.0
+    seat: float = deviation("m", "0.5 mm", "radius of a mounting", scope="mounting")
+    pose: float = deviation(
+        "°", "0.2 °", {f"pose_{a}": f"mounting about {a}" for a in _AXES}, scope="mounting"
+    )
+    rate: float = deviation(
+        "1", "0 %", "rate of the table, relative", key="rate_error", example="0.01 %"
+    )
+    speed: float = deviation("1", "0.05 %", "a set speed, relative", scope="speed")
+    lean: float = small_angle(
+        "0.05 °",
+        {f"lean_{k}": f"lean at rest, {toward}" for k, toward in _LEAN.items()},
+        scope="position",
+    )
 
     def __post_init__(self) -> None:
         g, r = self.gravity, self.radius
         for what, size, unit in (("gravity", g.value, "m/s²"), ("radius", r.value, "m")):
             if not (isfinite(size) and size > 0):
                 raise InputError(f"rate table: {what} is {size:g} {unit}; give it > 0")
-        deviations = {"gravity": g.sd, "radius": r.sd, "seat": self.seat, "pose": self.pose}
-        deviations |= {"rate": self.rate, "speed": self.speed, "lean": self.lean}
+        deviations = {"gravity": g.sd, "radius": r.sd}
+        deviations |= {name: getattr(self, name) for name in declarations(RateTable)}
         for what, sd in deviations.items():
             if not (isfinite(sd) and sd >= 0):
                 raise InputError(f"rate table: deviation of {what} is {sd}; give it 0 or more")
@@ -96,23 +105,10 @@ class RateTable:
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The imperfections, as data."""
-        g, r = self.gravity, self.radius
         return (
-            Parameter(
-                "g", "m/s²", g.sd, "run", g.value, "local gravity", g.key_if_assumed("gravity")
-            ),
-            Parameter("radius", "m", r.sd, "run", r.value, "radius", r.key_if_assumed("radius")),
-            Parameter("rate", "1", self.rate, "run", 0.0, "rate of the table, relative"),
-            Parameter("seat", "m", self.seat, "mounting", 0.0, "radius of a mounting"),
-            *(
-                Parameter(f"pose_{a}", "rad", self.pose, "mounting", 0.0, f"mounting about {a}")
-                for a in _AXES
-            ),
-            Parameter("speed", "1", self.speed, "speed", 0.0, "a set speed, relative"),
-            *(
-                Parameter(f"lean_{k}", "rad", self.lean, "position", 0.0, f"lean at rest, {toward}")
-                for k, toward in _LEAN.items()
-            ),
+            local_gravity(self.gravity),
+            Parameter.measured("radius", "m", self.radius, "radius"),
+            *declared_parameters(self, "rate", "seat", "pose", "speed", "lean"),
         )
 
     def nuisances(self, steps: Sequence[Spin], sensor: Sensor) -> dict[str, Parameter]:

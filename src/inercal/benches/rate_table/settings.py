@@ -5,28 +5,18 @@ from typing import Literal
 
 from pydantic import Field
 
+from inercal.benches.declare import built, keys_of
 from inercal.benches.rate_table.bench import RateTable
 from inercal.data.section import DataSection, Readback, size_of
-from inercal.errors import InputError
-from inercal.settings import (
-    BenchSection,
-    deviation,
-    gravity_of,
-    measured,
-    small,
-)
+from inercal.settings import BenchSection, length_of
 
 
+@keys_of(RateTable)
 class RateTableSection(BenchSection):
     """[bench]: a plain rate table with a fixture, as for sensors of ship models."""
 
     kind: Literal["rate_table"]
     radius: str = Field(examples=["250 mm ± 0.3 mm"])
-    seat: str = "0.5 mm"
-    pose: str = "0.2 °"
-    rate_error: str = Field("0 %", examples=["0.01 %"])
-    speed: str = "0.05 %"
-    lean: str = "0.05 °"
 
 
 class RateTableData(DataSection):
@@ -51,15 +41,4 @@ class RateTableData(DataSection):
 
 def build(section: RateTableSection, folder: Path) -> RateTable:
     """Return the bench in SI; files that it names lie in `folder`."""
-    radius = measured(section.radius, "m", "[bench] radius")
-    if radius.value <= 0:
-        raise InputError(f"[bench] radius: {section.radius!r} must be positive")
-    return RateTable(
-        gravity=gravity_of(section),
-        radius=radius,
-        seat=deviation(section, "seat", "m"),
-        pose=deviation(section, "pose", "°"),
-        rate=deviation(section, "rate_error", "1"),
-        speed=deviation(section, "speed", "1"),
-        lean=small(section, "lean"),
-    )
+    return built(RateTable, section, radius=length_of(section, "radius"))

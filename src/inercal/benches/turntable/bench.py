@@ -21,10 +21,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from math import isfinite, radians
 
+from inercal.benches.declare import constant, declared_parameters, deviation, small_angle
 from inercal.benches.turntable.moves import Limits
 from inercal.earth import earth_rate_up_north
 from inercal.errors import InputError
-from inercal.parameters import Parameter
+from inercal.parameters import Parameter, local_gravity
 from inercal.plan import TableStep
 from inercal.sensors import Sensor
 from inercal.units import Measured
@@ -78,12 +79,14 @@ class Turntable:
     latitude: float
     azimuth: Measured = _EXACT
     axes: str = "zxy"
-    lean: float = 0.0
-    square: float = 0.0
+    lean: float = small_angle(
+        "5 ″", {"lean_x": "lean of the base about east", "lean_y": "lean of the base about north"}
+    )
+    square: float = small_angle("2 ″", {})
     harmonics: tuple[float, ...] = ()
-    white: float = 0.0
-    latency: Measured = _EXACT
-    clock: float = 0.0
+    white: float = small_angle("0.5 ″", {}, key="noise")
+    latency: Measured = constant("s", "0 ms ± 5 ms", "delay of the readback")
+    clock: float = deviation("1", "0 ppm", "rate of the readback's clock")
     lever: tuple[Measured, Measured, Measured] = (_EXACT, _EXACT, _EXACT)
     limits: tuple[Limits, ...] = _ORDINARY
 
@@ -127,22 +130,10 @@ class Turntable:
 
     @cached_property
     def _parameters(self) -> tuple[Parameter, ...]:
-        g, azimuth, latency = self.gravity, self.azimuth, self.latency
         return (
-            Parameter(
-                "g", "m/s²", g.sd, "run", g.value, "local gravity", g.key_if_assumed("gravity")
-            ),
-            Parameter("lean_x", "rad", self.lean, "run", 0.0, "lean of the base about east"),
-            Parameter("lean_y", "rad", self.lean, "run", 0.0, "lean of the base about north"),
-            Parameter(
-                "azimuth",
-                "rad",
-                azimuth.sd,
-                "run",
-                azimuth.value,
-                "azimuth of the base",
-                azimuth.key_if_assumed("azimuth"),
-            ),
+            local_gravity(self.gravity),
+            *declared_parameters(self, "lean"),
+            Parameter.measured("azimuth", "rad", self.azimuth, "azimuth of the base"),
             *(
                 Parameter(f"square_{i}", "rad", self.square, "run", 0.0, f"{one} against {other}")
                 for i, (one, other) in enumerate(
@@ -157,16 +148,7 @@ class Turntable:
                 for h, sd in enumerate(self.harmonics, start=1)
                 for wave, words in (("sin", "sine"), ("cos", "cosine"))
             ),
-            Parameter(
-                "latency",
-                "s",
-                latency.sd,
-                "run",
-                latency.value,
-                "delay of the readback",
-                latency.key_if_assumed("latency"),
-            ),
-            Parameter("clock", "1", self.clock, "run", 0.0, "rate of the readback's clock"),
+            *declared_parameters(self, "latency", "clock"),
             *(
                 Parameter(f"lever_{a}", "m", arm.sd, "run", arm.value, f"lever arm along {a}")
                 for a, arm in zip("xyz", self.lever, strict=True)

@@ -5,19 +5,18 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
+from inercal.benches.declare import built, keys_of
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.moves import Limits
 from inercal.data.section import DataSection, Readback, size_of
 from inercal.errors import InputError
 from inercal.settings import (
-    LARGEST_TILT,
     PLANNING,
     BenchSection,
-    deviation,
-    gravity_of,
+    constant_of,
+    harmonics_of,
     measured,
     si_value,
-    small,
 )
 
 _WIDEST_AZIMUTH = 0.0873  # rad
@@ -25,18 +24,14 @@ _LONGEST_LEVER = 1.0  # m
 HOLD = "hold"  # among what the table reads back: numbers of its holds
 
 
+@keys_of(Turntable, after={"harmonics": "square", "lever": "clock"})
 class TurntableSection(BenchSection):
     """[bench]: a turntable of one to three axes."""
 
     kind: Literal["turntable"]
     axes: str = Field("zxy", description="body axes that the axes turn about, outermost first")
     azimuth: str = "0 ° ± 0.1 °"
-    lean: str = "5 ″"
-    square: str = "2 ″"
     harmonics: tuple[str, ...] = ("2 ″", "1 ″")
-    noise: str = "0.5 ″"
-    latency: str = "0 ms ± 5 ms"
-    clock: str = "0 ppm"
     lever: tuple[str, str, str] = Field(("0 mm", "0 mm", "0 mm"), json_schema_extra=PLANNING)
     rate: tuple[str, ...] = Field(
         ("30 °/s",), description="limit of all axes, or of each", json_schema_extra=PLANNING
@@ -124,27 +119,19 @@ def build(section: TurntableSection, folder: Path) -> Turntable:
             f"[bench] lever: {', '.join(section.lever)}: an IMU on a table is no more than 1 m "
             "from where the axes cross"
         )
-    azimuth = measured(section.azimuth, "°", "[bench] azimuth")
+    azimuth = constant_of(section, "azimuth", "°")
     if azimuth.sd > _WIDEST_AZIMUTH:
         raise InputError(
             f"[bench] azimuth: {section.azimuth!r}: its deviation is more than 5°, beyond which "
             "what it does is not linear; state it nearer"
         )
-    key = "[bench] harmonics"
-    harmonics = tuple(si_value(text, "°", key) for text in section.harmonics)
-    if not all(0 <= sd <= LARGEST_TILT for sd in harmonics):
-        raise InputError(f"{key}: {', '.join(section.harmonics)}: give each from 0 to 1°")
-    return Turntable(
-        gravity=gravity_of(section),
+    return built(
+        Turntable,
+        section,
         latitude=si_value(section.latitude, "°", "[bench] latitude"),
         azimuth=azimuth,
         axes=section.axes,
-        lean=small(section, "lean"),
-        square=small(section, "square"),
-        harmonics=harmonics,
-        white=small(section, "noise"),
-        latency=measured(section.latency, "s", "[bench] latency"),
-        clock=deviation(section, "clock", "1"),
+        harmonics=harmonics_of(section, "harmonics"),
         lever=(x, y, z),
         limits=_limits(section),
     )
