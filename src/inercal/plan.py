@@ -6,7 +6,7 @@ A step's label names the section of the recording that it leaves.
 from collections.abc import Iterable
 from dataclasses import dataclass
 from math import acos, cos, degrees, isfinite, pi, sin, sqrt
-from typing import Literal
+from typing import Literal, Protocol
 
 from inercal.errors import InputError
 
@@ -219,7 +219,24 @@ class Rotation:
 
 HandStep = Hold | Turn
 TableStep = Position | Rotation
-Step = HandStep | Spin | Index | TableStep
+
+
+class Step(Protocol):
+    """One step of a plan; a kind of bench from outside may have steps of its own."""
+
+    @property
+    def label(self) -> str:
+        """Its name, in rows and recordings."""
+        ...
+
+    @property
+    def seconds(self) -> float:
+        """How long it lasts; 0 where nothing depends on it."""
+        ...
+
+    def in_words(self) -> str:
+        """Return what is done."""
+        ...
 
 
 def table_steps(steps: Iterable[Step]) -> list[TableStep]:

@@ -1,5 +1,6 @@
 """`inercal plan`: what to do, position by position, and what it will give."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,26 +15,32 @@ _POSITIONS, _SECONDS = 24, 3.0  # by hand
 
 def run(
     method: str = typer.Argument(
-        help="multi-position, or a method on a dividing head, a rate table or a turntable: "
+        help="multi-position, or a method on a turntable or on a bench that has a worksheet: "
         "dual-orthogonal, …"
     ),
     run_file: Path | None = typer.Option(
         None, "--run", "-r", help="Run file whose sensor, bench and coefficients count."
     ),
     positions: int | None = typer.Option(
-        None, help=f"Rests by hand, {_POSITIONS}; of a head in one turn, as in the run file."
+        None,
+        help=f"Number of rests by hand, {_POSITIONS}, or of positions on a bench whose plan states "
+        "it, as in the run file.",
     ),
     seconds: float | None = typer.Option(
-        None, help=f"Length of each hold, s: {_SECONDS:g} by hand; of others as in the run file."
+        None, help=f"Length of each hold, s: {_SECONDS:g} by hand; on a bench as in the run file."
     ),
     out: Path | None = typer.Option(
-        None, "--out", "-o", help="The table to fill (.csv); of a head with a page (.html) beside."
+        None,
+        "--out",
+        "-o",
+        help="The table to fill (.csv), on a bench that has a worksheet; some have a page to print "
+        "(.html) beside it.",
     ),
     force: bool = typer.Option(False, "--force", help="Write over an existing worksheet."),
     json: bool = typer.Option(False, "--json", help="Print one JSON object."),
 ) -> None:
     """Print what to do, position by position, with the uncertainties to expect of it."""
-    from inercal.benches.kinds import of_bench
+    from inercal.benches.kinds import KINDS, of_bench
     from inercal.cli.plan_turntable import plan_path
     from inercal.cli.plan_worksheet import plan_worksheet
     from inercal.errors import InputError
@@ -49,14 +56,15 @@ def run(
         show(run_file, _keys(name, positions, seconds), out, force=force, json=json)
         return
     if not chosen.free:
+        planned = [name for name, one in KINDS.items() if one.sheet or one.sampled]
         raise InputError(
             f"plans of {method} are fixed, by [method] in the run file; inercal budget says what "
-            "they give. Plans are made for multi-position, and for methods on a dividing head, a "
-            "rate table or a turntable"
+            f"they give. Plans are made for multi-position, and for methods on {_in_words(planned)}"
         )
     if out is not None:
+        written = [name for name, one in KINDS.items() if one.sheet]
         raise InputError(
-            "--out: a plan by hand is printed; worksheets are of a dividing head or a rate table"
+            f"--out: a plan by hand is printed; worksheets are of {_in_words(written)}"
         )
     _plan_by_hand(
         run_file,
@@ -67,6 +75,14 @@ def run(
         ),
         json=json,
     )
+
+
+def _in_words(kinds: Sequence[str]) -> str:
+    """Return several names of kinds: "a dividing head, a rate table or a turntable"."""
+    *others, last = (
+        f"{'an' if kind[0] in 'aeiou' else 'a'} {kind.replace('_', ' ')}" for kind in kinds
+    )
+    return f"{', '.join(others)} or {last}"
 
 
 def _keys(name: str, positions: int | None, seconds: float | None) -> dict[str, object]:

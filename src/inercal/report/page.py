@@ -14,7 +14,7 @@ from inercal.benches.turntable import is_turntable
 from inercal.calibration.verdict import chance
 from inercal.methods.observed import NOISE_ALONE
 from inercal.pipeline import Outcome
-from inercal.plan import Hold, Index, Position, Rotation, Spin, Step, Turn
+from inercal.plan import Hold, Rotation, Spin, Step, Turn
 from inercal.report import courses, tables
 from inercal.report import tests as judged
 from inercal.report.figures import correlations, departures, residuals
@@ -91,6 +91,7 @@ def page(
         spheres=(sphere(found, 1), sphere(found, -1)) if found else (),
         sections=sections(outcome, found),
         missing=missing_faces(found),
+        faced=Hold in kind.steps and not estimate.groups,
         turned_too=any(axis.measures == "w" for axis in calibration.sensor.axes),
         turned=any(isinstance(step, Turn | Rotation) for step in outcome.steps),
         norms=by_norm(outcome),
@@ -163,9 +164,9 @@ def by_norm(outcome: Outcome) -> bool:
 def facts(outcome: Outcome) -> list[tuple[str, str]]:
     """Return the key facts, name and text of one or two lines."""
     provenance, recording = outcome.calibration.provenance, outcome.recording
-    holds = sum(isinstance(step, Hold | Index | Position) for step in outcome.steps)
+    turns = sum(isinstance(step, Turn | Rotation) for step in outcome.steps)
     spins = [step for step in outcome.steps if isinstance(step, Spin)]
-    turns = len(outcome.steps) - holds - len(spins)
+    holds = len(outcome.steps) - turns - len(spins)
     digest = provenance.get("recording sha256", "")
     source = provenance.get("recording", "") + (f"\nSHA-256 {digest[:12]}…" if digest else "")
     result = [("Recording", source)]

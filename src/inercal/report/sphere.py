@@ -13,7 +13,7 @@ from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
 from inercal.benches.report import Direction
-from inercal.plan import Hold, Position, Rotation, Spin, Turn, direction
+from inercal.plan import Hold, Rotation, Turn, direction
 from inercal.report import drawing
 from inercal.report.drawing import BAND, FAINT, INK, MUTED, PAPER, WARN, Z, svg
 
@@ -28,15 +28,13 @@ _VIEW = np.array([1.0, 0.78, 0.66]) / np.linalg.norm([1.0, 0.78, 0.66])
 
 def missing_faces(found: Sequence[Direction]) -> list[str]:
     """Return the faces that no hold had up: "−z"; none where attitudes were free."""
-    if any(isinstance(a.step, Spin | Position) for a in found):
+    holds = [(a, a.step) for a in found if isinstance(a.step, Hold)]
+    if not holds or any(max(map(abs, step.up)) < _FACE for _, step in holds):
         return []
-    if any(isinstance(a.step, Hold) and max(map(abs, a.step.up)) < _FACE for a in found):
-        return []
-    ups = [a.towards for a in found if isinstance(a.step, Hold)]
     return [
         direction((float(x), float(y), float(z)))
         for x, y, z in FACES
-        if not any(up @ np.array([x, y, z]) > _ON_FACE for up in ups)
+        if not any(a.towards @ np.array([x, y, z]) > _ON_FACE for a, _ in holds)
     ]
 
 

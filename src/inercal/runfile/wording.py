@@ -21,7 +21,11 @@ from inercal.runfile.schema import RunSchema
 
 _QUANTITY = re.compile(r"[-+]?[0-9.]+ \S.*")
 _BARE = re.compile(r"[A-Za-z0-9_-]+")  # a key that TOML takes without quotes
-_RESERVED = "specification"  # a section of later versions, for limits per coefficient
+_RESERVED: Mapping[str, str] = {  # sections of later versions, and what they are for
+    "specification": "limits per coefficient, which this version does not judge",
+    "environment": "temperatures of the bench, their uncertainty and the sensor's lag, which this "
+    "version does not take",
+}
 _LONGEST = 60  # characters of a value that are repeated
 _NO_SCALAR: Mapping[type, str] = {dict: "a section", list: "a list"}
 _SCALAR: Mapping[type, str] = {
@@ -92,12 +96,10 @@ def _unknown(
 ) -> str:
     place = _place(loc[:-1], schema)
     (model,) = _kinds(place.takes)
-    names = (*place.names, str(loc[-1]))
-    if names == (_RESERVED,):
-        return (
-            f"section [{_RESERVED}] is reserved for limits per coefficient, which this version "
-            "does not judge: leave it out"
-        )
+    key = str(loc[-1])
+    names = (*place.names, key)
+    if len(names) == 1 and names[0] in _RESERVED:
+        return f"section [{names[0]}] is reserved for {_RESERVED[names[0]]}: leave it out"
     dotted = _dotted(names)
     line = f"unknown section [{dotted}]" if isinstance(value, dict) else f"unknown key {dotted}"
     possible = tuple(model.model_fields)
@@ -108,9 +110,9 @@ def _unknown(
     line += f"; possible here: {', '.join(possible)}"
     if owners := _owners(names):
         hand = "; kind is missing, so hand is taken" * ("kind" not in content.get("bench", {}))
-        if names[0] == "data":
-            return f"[data] {names[1]} goes with [bench] kind = {_either(owners)}{hand}"
-        line += f"{hand}; {names[1]} goes with kind = {_either(owners)}"
+        if place.names == ("data",):
+            return f"[data] {key} goes with [bench] kind = {_either(owners)}{hand}"
+        line += f"{hand}; {key} goes with kind = {_either(owners)}"
     return line
 
 
@@ -191,7 +193,9 @@ def _place(loc: tuple[int | str, ...], schema: type[RunSchema]) -> _Place:
 
 
 def _example(field: FieldInfo) -> Any:
-    return field.examples[0] if field.examples else (field.get_default() or None)
+    if field.examples or field.is_required():
+        return field.examples[0] if field.examples else None
+    return field.get_default() or None
 
 
 def _kinds(annotation: Any) -> tuple[Any, ...]:

@@ -31,8 +31,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.benches.forces import directions
 from inercal.earth import EARTH_RATE
-from inercal.errors import InputError
 from inercal.frames import exp_so3, left_jacobian, skew
 from inercal.plan import Attitude, Spin
 
@@ -233,21 +233,6 @@ def felt_vector(bench: "Centrifuge", steps: Sequence[Spin], q: Mapping[str, Arra
     dw = {name: slope[..., None] * along for name, slope in arm.turned_by.items()}
     dw |= by_attitude(rate * along, rate * _apply(inner, np.broadcast_to(up, f.shape)))
     return FeltVector(f, rate * along, df, dw)
-
-
-def directions(steps: Sequence[Spin]) -> tuple[Array, Array]:
-    """Return `out` and `up` of each step in the body, (r, 3) each.
-
-    Raises
-    ------
-    InputError
-        A step of unknown attitude.
-    """
-    known = [step.attitude for step in steps if step.attitude is not None]
-    if len(known) < len(steps):
-        lacking = next(step.label for step in steps if step.attitude is None)
-        raise InputError(f"{lacking}: its attitude on the arm is not known")
-    return np.array([a.out for a in known]), np.array([a.up for a in known])
 
 
 def positions(steps: Sequence[Spin]) -> dict[Attitude | None, str]:

@@ -11,9 +11,10 @@ from math import atan2, cos, sin
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.centrifuge.arm import directions, felt_vector, positions
+from inercal.benches.centrifuge.arm import felt_vector, positions
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.benches.contract import SimulatedMotion
+from inercal.benches.forces import directions
 from inercal.frames import exp_so3
 from inercal.motion import Motion
 from inercal.plan import Spin

@@ -30,10 +30,9 @@ from math import isfinite, pi
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.centrifuge.arm import directions
 from inercal.benches.contract import MeanMotion
 from inercal.benches.declare import declarations, declared_parameters, deviation, small_angle
-from inercal.benches.forces import Felt
+from inercal.benches.forces import Felt, directions
 from inercal.errors import InputError
 from inercal.frames import exp_so3, left_jacobian, skew
 from inercal.motion import Motion

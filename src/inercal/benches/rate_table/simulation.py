@@ -19,8 +19,8 @@ from math import pi
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.centrifuge.arm import directions
 from inercal.benches.contract import SimulatedMotion
+from inercal.benches.forces import directions
 from inercal.benches.rate_table.bench import RateTable, mountings, speeds
 from inercal.benches.rate_table.fixture import by_mounting
 from inercal.frames import exp_so3

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.centrifuge.arm import directions
+from inercal.benches.forces import directions
 from inercal.methods.centrifuge_norm import closed, ml
 from inercal.studies.centrifuge import experiment
 from inercal.studies.centrifuge.experiment import (

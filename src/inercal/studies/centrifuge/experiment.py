@@ -13,8 +13,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.centrifuge.arm import directions, felt_vector
+from inercal.benches.centrifuge.arm import felt_vector
 from inercal.benches.centrifuge.bench import Centrifuge
+from inercal.benches.forces import directions
 from inercal.earth import EARTH_RATE
 from inercal.estimate import Estimate
 from inercal.methods.centrifuge_norm import closed, ml
