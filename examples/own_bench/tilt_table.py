@@ -21,6 +21,7 @@ from inercal.benches.kind import Kind, Vocabulary
 from inercal.benches.sheet import Heading, Row, Sheet
 from inercal.data import DataSection, Gathered, Readback, Source, size_of
 from inercal.data.load import columns, load_recording, readback_columns, readback_units, stated_sd
+from inercal.errors import InputError
 from inercal.io.means import means_of, read_columns
 from inercal.keys import ErrorName
 from inercal.methods import Method
@@ -110,7 +111,11 @@ class TiltTableSection(BenchSection):
 
 
 class TiltTableData(DataSection):
-    """[data]: rows are positions."""
+    """[data]: rows are positions.
+
+    `plane` is required, but a table of means alone has the column. In a recording the first two
+    letters of a label are the plane: "xz 45".
+    """
 
     plane: str | int = Field(description="column of the plane", examples=["plane"])
     angle: str | int = Field(description="column of the plate's angle", examples=["angle"])
@@ -133,7 +138,9 @@ def read(run: Source[TiltTableData]) -> Gathered:
     conditions = {"gravity": readable(bench.gravity.value, bench.gravity.sd, "m/s²")}
     if run.data.kind == "means":
         table = read_columns(path, wanted, [str(run.data.plane), column])
-        planes = [str(one) for one in table.columns[str(run.data.plane)].tolist()]
+        planes: list[Plane] = [
+            _plane(str(one), path) for one in table.columns[str(run.data.plane)].tolist()
+        ]
         steps = _steps(planes, table.numbers(column) * size)
         labels = tuple(step.label for step in steps)
         ones = np.ones(len(labels))
@@ -142,21 +149,27 @@ def read(run: Source[TiltTableData]) -> Gathered:
     recording = load_recording(run)
     marks, told = marks_from_labels(recording), recording.readback["angle"] * size
     angles = np.array([told[mark.start : mark.stop].mean() for mark in marks])
+    planes = [_plane(mark.label[:2], path) for mark in marks]
     steps = tuple(
-        Tilt(mark.label, _plane(mark.label[:2]), angle, recording.span(mark.start, mark.stop))
-        for mark, angle in zip(marks, angles.tolist(), strict=True)
+        Tilt(mark.label, plane, angle, recording.span(mark.start, mark.stop))
+        for mark, plane, angle in zip(marks, planes, angles.tolist(), strict=True)
     )
     means = observe(recording, run.sensor, marks, steps)
     return Gathered(recording, marks, means, steps, steps, recording.findings, conditions)
 
 
-def _plane(text: str) -> Plane:
+def _plane(text: str, path: Path) -> Plane:
+    if text not in ("xz", "yz"):
+        raise InputError(
+            f"{path}: plane {text!r}; there are xz and yz, in the column of the plane or as "
+            'the first two letters of a label, "xz 45"'
+        )
     return "yz" if text == "yz" else "xz"
 
 
-def _steps(planes: Sequence[str], angles: Array) -> tuple[Tilt, ...]:
+def _steps(planes: Sequence[Plane], angles: Array) -> tuple[Tilt, ...]:
     return tuple(
-        Tilt(f"{plane} {angle * 180 / pi:.6g}", _plane(plane), angle, 0.0)
+        Tilt(f"{plane} {angle * 180 / pi:.6g}", plane, angle, 0.0)
         for plane, angle in zip(planes, angles.tolist(), strict=True)
     )
 
