@@ -68,10 +68,22 @@ def without_tremor(density: Array, sensor: Sensor, sections: Iterable[Array]) ->
         counted: Array = np.where(halves * weight > _CHANGED, calm, seen)
         own, _residual = nnls(by_axis * weight[:, None], counted * weight)
         own = np.maximum(own, _LEAST * float(seen.mean()))
+    own = _alike(own, (_WINDOWS - 1) * len(seen))
     replaced = density.copy()
     replaced[:a, :], replaced[:, :a] = 0.0, 0.0
     replaced[:a, :a] = np.diag(own)
     return replaced
+
+
+def _alike(own: Array, dof: int) -> Array:
+    """Return densities (a,) drawn to one another as far as chance alone sets them apart.
+
+    Logarithms of a densities of ν/a degrees of freedom scatter by 2 a/ν about one value.
+    """
+    log = np.log(own)
+    by_chance, seen = 2 * own.size / dof, float(np.var(log, ddof=1)) if own.size > 1 else 0.0
+    kept = max(0.0, 1 - by_chance / seen) if seen > 0 else 0.0
+    return np.asarray(own.mean() * np.exp(kept * (log - log.mean())), dtype=np.float64)
 
 
 def along_gravity(sensor: Sensor, sections: Iterable[Array]) -> list[Array]:
