@@ -53,8 +53,10 @@ class Tilt:
 
 def plan(seconds: float = 5.0) -> tuple[Tilt, ...]:
     """Return both planes in steps of 45°."""
-    turns = [(plane, k) for plane in ("xz", "yz") for k in range(8)]
-    return tuple(Tilt(f"{p} {45 * k}", p, k * pi / 4, seconds) for p, k in turns)
+    planes: tuple[Plane, ...] = ("xz", "yz")
+    return tuple(
+        Tilt(f"{plane} {45 * k}", plane, k * pi / 4, seconds) for plane in planes for k in range(8)
+    )
 
 
 @dataclass(frozen=True, eq=False)

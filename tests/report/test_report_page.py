@@ -145,7 +145,9 @@ def test_a_hostile_label_stays_text_in_the_figures(outcome: Outcome):
     label = '<script x="$y^{">漢'
     labels = (label, *outcome.observations.labels[1:])
     marks = (replace(outcome.marks[0], label=label), *outcome.marks[1:])
-    steps = (replace(outcome.steps[0], label=label), *outcome.steps[1:])
+    first = outcome.steps[0]
+    assert isinstance(first, Hold)
+    steps = (replace(first, label=label), *outcome.steps[1:])
     observations = replace(outcome.observations, labels=labels)
     names = tuple(
         n.replace(f"[{outcome.steps[0].label}]", f"[{label}]") for n in outcome.estimate.names

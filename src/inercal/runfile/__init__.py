@@ -19,7 +19,6 @@ from pydantic import ValidationError
 from inercal.benches import Bench
 from inercal.benches.kind import Kind
 from inercal.benches.kinds import KINDS, named
-from inercal.data.section import DataSection
 from inercal.errors import InputError
 from inercal.estimate import Gaussian
 from inercal.keys import CoefficientName
@@ -78,6 +77,7 @@ class Run:
     kind : Kind
         Of the bench.
     data : DataSection
+        Of the kind of bench.
     method : Method
     estimator : str
     plan : callable
@@ -104,7 +104,7 @@ class Run:
     truth: Mapping[str, float]
     bench: Bench
     kind: Kind[Any, Any]
-    data: DataSection
+    data: Any
     method: Method[Any, Any]
     estimator: str
     plan: Callable[[], tuple[Step, ...]]
