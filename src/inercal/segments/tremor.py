@@ -83,7 +83,8 @@ def _alike(own: Array, dof: int) -> Array:
     log = np.log(own)
     by_chance, seen = 2 * own.size / dof, float(np.var(log, ddof=1)) if own.size > 1 else 0.0
     kept = max(0.0, 1 - by_chance / seen) if seen > 0 else 0.0
-    return np.asarray(own.mean() * np.exp(kept * (log - log.mean())), dtype=np.float64)
+    drawn = np.exp(kept * (log - log.mean()))
+    return np.asarray(own.mean() * drawn / drawn.mean(), dtype=np.float64)
 
 
 def along_gravity(sensor: Sensor, sections: Iterable[Array]) -> list[Array]:
