@@ -19,7 +19,7 @@ from inercal.recording import Mark, Observations, Recording
 from inercal.segments.attitudes import FLAWS
 from inercal.segments.drift import drift_covariance
 from inercal.segments.stillness import require_still
-from inercal.segments.tremor import without_tremor
+from inercal.segments.tremor import freedom, without_tremor
 from inercal.segments.warming import Sections, steadied
 from inercal.segments.within import Within, drift_in_words, within
 from inercal.sensors import Sensor
@@ -105,6 +105,7 @@ def observe(
     density = of_holds[0] * samples[used.index(holds[0])]
     if by_hand:
         density = without_tremor(density, sensor, at_rest_all())
+        dof = min(dof, freedom(len(holds)))
     coarse = coarse_steps(recording.data, columns, sensor, scatter)
     ranges = [(by_label[step.label].start, by_label[step.label].stop) for step in used]
     durations = np.array([recording.span(*limits) for limits in ranges])

@@ -68,11 +68,16 @@ def without_tremor(density: Array, sensor: Sensor, sections: Iterable[Array]) ->
         counted: Array = np.where(halves * weight > _CHANGED, calm, seen)
         own, _residual = nnls(by_axis * weight[:, None], counted * weight)
         own = np.maximum(own, _LEAST * float(seen.mean()))
-    own = _alike(own, (_WINDOWS - 1) * len(seen))
+    own = _alike(own, freedom(len(seen)))
     replaced = density.copy()
     replaced[:a, :], replaced[:, :a] = 0.0, 0.0
     replaced[:a, :a] = np.diag(own)
     return replaced
+
+
+def freedom(rests: int) -> int:
+    """Return the degrees of freedom behind the accelerometers' noise, as of axes that are alike."""
+    return (_WINDOWS - 1) * rests
 
 
 def _alike(own: Array, dof: int) -> Array:
