@@ -7,7 +7,7 @@ return data: what is drawn and printed, report and terminal draw and print.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,10 +19,12 @@ from inercal.data import DataSection, Gathered, Source
 from inercal.errors import InputError
 from inercal.plan import Step
 from inercal.recording import Recording
-from inercal.segments import FoundRests
 from inercal.sensors import Noise, Readout, Sensor, imu, triad
 from inercal.settings import BenchSection
 from inercal.units import Measured
+
+if TYPE_CHECKING:
+    from inercal.segments import FoundRests  # the kernels load with the readers
 
 Array = NDArray[np.float64]
 B = TypeVar("B", bound=Bench)
@@ -137,11 +139,6 @@ def no_tables(run: Source[Any], shown: Shown) -> dict[str, Columns]:
     return {}
 
 
-def no_rests(run: Source[Any], recording: Recording) -> FoundRests | None:
-    """Return that such a bench has no rests."""
-    return None
-
-
 @dataclass(frozen=True)
 class Kind(Generic[B, D]):
     """A kind of bench.
@@ -188,8 +185,8 @@ class Kind(Generic[B, D]):
         Recordings that a simulation writes beside the first, by the names in [data].
     sheet : callable or None
         What the operator does; None where plans are fixed.
-    rests : callable
-        The rests that were found in a recording that was refused; None has no rests.
+    rests : callable or None
+        The rests that were found in a recording that was refused; None of a bench without rests.
     directions : callable
         The measured direction of each row; none are drawn where there is none.
     plots : callable
@@ -221,7 +218,7 @@ class Kind(Generic[B, D]):
         no_files
     )
     sheet: Callable[[Source[D]], Sheet] | None = None
-    rests: Callable[[Source[D], Recording], FoundRests | None] = no_rests
+    rests: "Callable[[Source[D], Recording], FoundRests] | None" = None
     directions: Callable[[Shown], tuple[Direction, ...]] = by_mean_motion
     plots: Callable[[Shown], tuple[Plot, ...]] = no_plots
     row: Callable[[Step, Shown, int], str] = row_in_words

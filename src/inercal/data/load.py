@@ -1,7 +1,6 @@
 """What a run file says of its data, in the words of `inercal.io`: columns, limits, deviations."""
 
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,8 +8,7 @@ from inercal.data.section import DataSection, Readback
 from inercal.data.source import Source
 from inercal.errors import InputError
 from inercal.io.read import Columns, read_recording, reader_of
-from inercal.recording import Finding, Mark, Recording
-from inercal.segments import require_still
+from inercal.recording import Finding, Recording
 from inercal.sensors import Sensor
 from inercal.settings import si_value
 from inercal.units import parse
@@ -45,19 +43,6 @@ def accepted(source: str, finding: Finding | None) -> tuple[Finding, ...]:
     if finding.severity == "refused":
         raise InputError(f"{source}: {finding.message}")
     return (finding,)
-
-
-def still_but_accepted(
-    run: Source[DataSection], recording: Recording, marks: Sequence[Mark]
-) -> tuple[Finding, ...]:
-    """Refuse marked rests that move; return warnings of those that the run file accepts.
-
-    Raises
-    ------
-    InputError
-        See `inercal.segments.stillness.require_still`.
-    """
-    return require_still(recording, run.sensor, marks, run.data.moving)
 
 
 def unsigned(column: str | int) -> str:

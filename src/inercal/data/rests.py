@@ -1,4 +1,6 @@
-"""Rests of a recording that a calibration refused, as far as they can be shown."""
+"""Marked and found rests: which may be used, and what a refused recording has of them."""
+
+from collections.abc import Sequence
 
 from inercal.data.section import DataSection
 from inercal.data.source import Source
@@ -11,8 +13,22 @@ from inercal.segments import (
     find_rests,
     judged_levels,
     marks_from_labels,
+    require_still,
 )
 from inercal.segments.levels import WINDOW
+
+
+def still_but_accepted(
+    run: Source[DataSection], recording: Recording, marks: Sequence[Mark]
+) -> tuple[Finding, ...]:
+    """Refuse marked rests that move; return warnings of those that the run file accepts.
+
+    Raises
+    ------
+    InputError
+        See `inercal.segments.stillness.require_still`.
+    """
+    return require_still(recording, run.sensor, marks, run.data.moving)
 
 
 def seen_rests(run: Source[DataSection], recording: Recording) -> FoundRests:

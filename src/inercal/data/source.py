@@ -3,13 +3,15 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from inercal.data.section import DataSection
 from inercal.plan import Step
 from inercal.recording import Finding, Mark, Observations, Recording
-from inercal.segments import FoundRests
 from inercal.sensors import Sensor
+
+if TYPE_CHECKING:
+    from inercal.segments import FoundRests  # the kernels load with the readers
 
 D = TypeVar("D", bound=DataSection, covariant=True)
 
@@ -118,6 +120,6 @@ class Gathered:
     steps: tuple[Step, ...]
     findings: tuple[Finding, ...]
     conditions: dict[str, str] = field(default_factory=dict[str, str])
-    rests: FoundRests | None = None
+    rests: "FoundRests | None" = None
     bench: Any = None
     notes: tuple[str, ...] = ()

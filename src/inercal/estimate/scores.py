@@ -288,7 +288,7 @@ def scored(
     back = np.linalg.pinv(triangle) / size_of[:, None]
     made: list[Score] = []
     spanned: list[Array] = []
-    columns_of, few = 0, min(_FEW_COLUMNS, _NUMBERS // len(residual))
+    columns_of, few = 0, min(_FEW_COLUMNS, _NUMBERS // max(len(residual), 1))
     for one in candidates:
         length = np.linalg.norm(one.rows, axis=0)
         unit = 1 / np.where(length > 0, length, 1.0) if one.largest is None else one.largest

@@ -22,7 +22,7 @@ from numba.core import event
 
 from inercal.benches.turntable import Turntable, turntable_of
 from inercal.benches.turntable.attitude import motion
-from inercal.benches.turntable.reading.run import settling
+from inercal.benches.turntable.epochs import settling
 from inercal.errors import InercalError
 from inercal.estimate import Gaussian
 from inercal.host.assembly import Assembly

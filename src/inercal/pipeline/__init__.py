@@ -11,11 +11,13 @@ from hashlib import sha256
 from importlib.metadata import version
 from math import inf
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches import Bench
+from inercal.benches.kind import Kind
 from inercal.calibration import Calibration, Frame
 from inercal.calibration.grade import Verdict
 from inercal.calibration.verdict import verdict
@@ -58,6 +60,8 @@ class Outcome:
     steps : tuple of Step
         Of each observation.
     bench : Bench
+    kind : Kind
+        Of the bench.
     recording : Recording or None
         None when means were read straight in.
     marks : tuple of Mark
@@ -76,6 +80,7 @@ class Outcome:
     observations: Observations
     steps: tuple[Step, ...]
     bench: Bench
+    kind: Kind[Any, Any]
     recording: Recording | None
     marks: tuple[Mark, ...]
     findings: tuple[Finding, ...]
@@ -218,6 +223,7 @@ def calibrate(
         observations,
         gathered.steps,
         bench,
+        run.kind,
         gathered.recording,
         gathered.marks,
         findings,

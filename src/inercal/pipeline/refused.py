@@ -30,14 +30,13 @@ def seen(run: Run) -> Seen | None:
 
     None where there is no recording, where it cannot be read, or where its bench has no rests.
     """
-    if run.data.kind == "means":
+    if run.data.kind == "means" or run.kind.rests is None:
         return None
     try:
         recording = read_recording(
             run.file(run.data.file), columns(run), limits(run.sensor), gyro_file(run)
         )
         recording = turned_round(run, recording)
-        found = run.kind.rests(run, recording)
-        return None if found is None else Seen(recording, found)
+        return Seen(recording, run.kind.rests(run, recording))
     except InputError:
         return None

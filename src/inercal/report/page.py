@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
-from inercal.benches.kinds import kind_of
 from inercal.benches.report import Direction
 from inercal.benches.turntable import is_turntable
 from inercal.calibration.verdict import chance
@@ -54,8 +53,7 @@ def page(
         Of the sensor's calibrations.
     """
     estimate, calibration = outcome.estimate, outcome.calibration
-    bench = outcome.bench
-    kind = kind_of(bench)
+    kind = outcome.kind
     words, found = kind.words, kind.directions(outcome)
     grids, pulls = tables.bench(outcome)
     recording = outcome.recording
@@ -180,7 +178,7 @@ def facts(outcome: Outcome) -> list[tuple[str, str]]:
     used = f"{holds} position{'s' * (holds != 1)}"
     if spins:
         rates = len({round(abs(step.rate), 3) for step in spins})
-        words = kind_of(outcome.bench).words
+        words = outcome.kind.words
         used = (
             f"{len(spins)} {words.rows}\nat {rates} rate{'s' * (rates != 1)} of the {words.turner}"
         )
@@ -198,7 +196,7 @@ def sections(outcome: Outcome, found: Sequence[Direction]) -> list[Section]:
     observed = outcome.observations
     off = {attitude.step.label: attitude.off for attitude in found}
 
-    in_words = kind_of(outcome.bench).row
+    in_words = outcome.kind.row
 
     def what(step: Step, row: int) -> str:
         return tables.minus(in_words(step, outcome, row))

@@ -6,13 +6,13 @@ from math import degrees
 import numpy as np
 
 from inercal.benches.centrifuge.bench import Centrifuge
-from inercal.benches.centrifuge.reading import observe
 from inercal.benches.centrifuge.report import directions
 from inercal.benches.centrifuge.settings import CentrifugeData, CentrifugeSection, build
 from inercal.benches.centrifuge.simulation import perform_on_arm, seconds_on_arm
 from inercal.benches.contract import Simulated
 from inercal.benches.kind import Effect, Kind
 from inercal.benches.report import spin_in_words
+from inercal.data import Gathered, Source
 from inercal.plan import Spin
 from inercal.sensors import G0, Sensor
 from inercal.units import Measured
@@ -42,6 +42,13 @@ def _refuses_budget(bench: Centrifuge, steps: Sequence[Spin]) -> str:
     return "a budget of a counter-rotating platform is not there: simulate its runs instead"
 
 
+def _observe(run: Source[CentrifugeData]) -> Gathered:
+    # Here: what finds sections comes with compiled kernels, which plans do without.
+    from inercal.benches.centrifuge.reading import observe
+
+    return observe(run)
+
+
 KIND = Kind(
     "centrifuge",
     Centrifuge,
@@ -49,7 +56,7 @@ KIND = Kind(
     CentrifugeData,
     build,
     (Spin,),
-    observe,
+    _observe,
     _simulate,
     _seconds,
     effects=(

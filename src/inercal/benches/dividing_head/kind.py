@@ -1,21 +1,25 @@
 """A dividing head, as a kind of bench."""
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from inercal.benches.contract import Simulated
 from inercal.benches.dividing_head.bench import DividingHead, mounted
-from inercal.benches.dividing_head.reading import observe
 from inercal.benches.dividing_head.report import directions, plots, row
 from inercal.benches.dividing_head.settings import DividingHeadData, DividingHeadSection, build
 from inercal.benches.dividing_head.sheet import sheet
 from inercal.benches.dividing_head.simulation import perform_on_head
 from inercal.benches.kind import Kind, Output, Vocabulary
-from inercal.data.rests import seen_rests
+from inercal.data import Gathered, Source
 from inercal.errors import InputError
 from inercal.plan import Index
+from inercal.recording import Recording
 from inercal.sensors import Sensor
+
+if TYPE_CHECKING:
+    from inercal.segments import FoundRests
 
 
 def _simulate(
@@ -48,6 +52,19 @@ def _sensor(
     return mounted(name, "ab"[: len(columns)], *accelerometer)
 
 
+def _observe(run: Source[DividingHeadData]) -> Gathered:
+    # Here and below: what finds sections comes with compiled kernels, which plans do without.
+    from inercal.benches.dividing_head.reading import observe
+
+    return observe(run)
+
+
+def _rests(run: Source[DividingHeadData], recording: Recording) -> "FoundRests":
+    from inercal.data.rests import seen_rests
+
+    return seen_rests(run, recording)
+
+
 KIND = Kind(
     "dividing_head",
     DividingHead,
@@ -55,13 +72,13 @@ KIND = Kind(
     DividingHeadData,
     build,
     (Index,),
-    observe,
+    _observe,
     _simulate,
     _seconds,
     Vocabulary(rows="positions", attitudes="Positions of the head", components=""),
     sensor=_sensor,
     sheet=sheet,
-    rests=seen_rests,
+    rests=_rests,
     directions=directions,
     plots=plots,
     row=row,

@@ -22,8 +22,8 @@ from inercal.data.load import (
     readback_units,
     require_own_columns,
     stated_sd,
-    still_but_accepted,
 )
+from inercal.data.rests import still_but_accepted
 from inercal.errors import InputError
 from inercal.io.marks import as_read, marks_from_file
 from inercal.io.means import means_of, read_columns

@@ -2,19 +2,23 @@
 
 from collections.abc import Sequence
 from math import degrees
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from inercal.benches.contract import Simulated
 from inercal.benches.hand.bench import Hand
-from inercal.benches.hand.reading import audit, observe, rests
 from inercal.benches.hand.report import directions
 from inercal.benches.hand.settings import HandSection, build
 from inercal.benches.hand.simulation import perform
 from inercal.benches.kind import Effect, Kind
-from inercal.data.section import RestsSection
+from inercal.data import Gathered, RestsSection, Source
 from inercal.plan import HandStep, Hold, Turn
+from inercal.recording import Recording
 from inercal.sensors import Sensor
+
+if TYPE_CHECKING:
+    from inercal.segments import FoundRests
 
 
 def _simulate(
@@ -33,6 +37,25 @@ def _seconds(bench: Hand, steps: Sequence[HandStep]) -> float:
     return sum(step.seconds for step in steps)
 
 
+def _observe(run: Source[RestsSection]) -> Gathered:
+    # Here and below: what finds sections comes with compiled kernels, which plans do without.
+    from inercal.benches.hand.reading import observe
+
+    return observe(run)
+
+
+def _audit(recording: Recording, sensor: Sensor, bench: Hand) -> Recording:
+    from inercal.benches.hand.reading import audit
+
+    return audit(recording, sensor, bench)
+
+
+def _rests(run: Source[RestsSection], recording: Recording) -> "FoundRests":
+    from inercal.benches.hand.reading import rests
+
+    return rests(run, recording)
+
+
 KIND = Kind(
     "hand",
     Hand,
@@ -40,12 +63,12 @@ KIND = Kind(
     RestsSection,
     build,
     (Hold, Turn),
-    observe,
+    _observe,
     _simulate,
     _seconds,
     # At the equator the earth does not turn about the vertical.
     effects=(Effect("earth's rate", "latitude", 0.0, "° of latitude", degrees(1), on_rates=True),),
-    audit=audit,
-    rests=rests,
+    audit=_audit,
+    rests=_rests,
     directions=directions,
 )

@@ -10,9 +10,8 @@ from inercal.data.load import (
     columns,
     load_recording,
     stated_sd,
-    still_but_accepted,
 )
-from inercal.data.rests import seen_rests
+from inercal.data.rests import seen_rests, still_but_accepted
 from inercal.errors import InputError
 from inercal.io.audit import accept
 from inercal.io.marks import as_read, marks_from_file

@@ -10,11 +10,11 @@ from inercal.benches.contract import Simulated
 from inercal.benches.kind import Kind, Vocabulary
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.path_file import on_path
-from inercal.benches.turntable.reading import observe
 from inercal.benches.turntable.report import directions
 from inercal.benches.turntable.settings import TurntableData, TurntableSection, build
 from inercal.benches.turntable.simulation import perform_on_turntable, seconds_on_turntable
 from inercal.benches.turntable.written import files, numbered
+from inercal.data import Gathered, Source
 from inercal.plan import Position, Rotation, TableStep
 from inercal.sensors import Noise, Sensor
 
@@ -58,6 +58,13 @@ def _refuses_budget(bench: Turntable, steps: Sequence[TableStep]) -> str:
     )
 
 
+def _observe(run: Source[TurntableData]) -> Gathered:
+    # Here: what finds sections comes with compiled kernels, which plans do without.
+    from inercal.benches.turntable.reading import observe
+
+    return observe(run)
+
+
 KIND = Kind(
     "turntable",
     Turntable,
@@ -65,7 +72,7 @@ KIND = Kind(
     TurntableData,
     build,
     (Position, Rotation),
-    observe,
+    _observe,
     _simulate,
     seconds_on_turntable,
     Vocabulary(components=""),

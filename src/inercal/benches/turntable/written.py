@@ -8,7 +8,7 @@ import numpy as np
 
 from inercal.benches.contract import SimulatedMotion
 from inercal.benches.turntable.bench import Turntable
-from inercal.benches.turntable.reading.run import settling
+from inercal.benches.turntable.epochs import settling
 from inercal.benches.turntable.settings import HOLD, TurntableData
 from inercal.benches.turntable.simulation import read_at, travel
 from inercal.data import Source
@@ -29,8 +29,7 @@ def numbered(
         time = done.time[done.labels == step.label]
         aside = settling(bench)
         number[(done.time >= time[0] + aside) & (done.time <= time[-1] - aside)] = k
-    same = np.zeros_like(done.readback[bench.names[0]]) + number
-    return replace(done, readback={**done.readback, HOLD: same})
+    return replace(done, readback={**done.readback, HOLD: number})
 
 
 def files(

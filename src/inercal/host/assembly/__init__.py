@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches.turntable import turntable_of
-from inercal.benches.turntable.reading.run import settling as settling_of
+from inercal.benches.turntable.epochs import settling as settling_of
 from inercal.data.load import readback_units
 from inercal.errors import InputError
 from inercal.host.assembly.imu import Imu, LeftOut, Samples

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches.turntable.bench import Turntable
-from inercal.benches.turntable.epochs import COARSE, GAP, LEAST_REST
+from inercal.benches.turntable.epochs import COARSE, GAP, LEAST_REST, settling
 from inercal.benches.turntable.reading.against_plan import against_plan
 from inercal.benches.turntable.reading.checks import Columns, paced, require_sound
 from inercal.benches.turntable.reading.clock import NotAlike
@@ -48,7 +48,6 @@ from inercal.units import readable
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-_SETTLING = 0.25  # s beside what the readback may be late by
 _WIDEST = 0.05  # s
 _NOT_LATE = 1e-3  # s
 _MOVED = radians(0.1)
@@ -212,11 +211,6 @@ def _stated(run: Source[TurntableData], recording: Recording) -> Indices:
     if not len(found):
         raise InputError(f"{run.path}: [data] hold: no sample of {run.data.hold!r} is in a hold")
     return found
-
-
-def settling(bench: Turntable) -> float:
-    """Return how long the table is taken to settle, s; the readback may be late besides."""
-    return _SETTLING + abs(bench.latency.value) + 2 * bench.latency.sd
 
 
 def _track(
