@@ -1,7 +1,6 @@
 """The bench and the method of `examples/own_bench`, as another package brings them."""
 
 import csv
-import importlib.util
 import json
 import os
 import shutil
@@ -9,41 +8,26 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
+from tests.own_bench import FOLDER, registered
 
-from inercal.benches.kinds import KINDS
 from inercal.budget import budget
 from inercal.budget.of_run import experiment_of
 from inercal.design.worksheet import as_csv, worksheet
 from inercal.io.write import write_recording
-from inercal.methods import METHODS
 from inercal.pipeline import calibrate, simulate, simulate_files
 from inercal.report import write_report
 from inercal.runfile import read
 
-FOLDER = Path(__file__).parents[2] / "examples" / "own_bench"
 SEEDS = range(40)
 
 
-@pytest.fixture(scope="module")
-def outside() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("tilt_table", FOLDER / "tilt_table.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["tilt_table"] = module
-    spec.loader.exec_module(module)
-    return module
-
-
 @pytest.fixture
-def run_file(outside: ModuleType, tmp_path: Path) -> Iterator[Path]:
-    shutil.copy(FOLDER / "tilt.toml", tmp_path)
-    with KINDS.with_("tilt_table", outside.KIND), METHODS.with_("tilt_means", outside.METHOD):
-        yield tmp_path / "tilt.toml"
+def run_file(tmp_path: Path) -> Iterator[Path]:
+    with registered(tmp_path) as path:
+        yield path
 
 
 def recorded(path: Path, seed: int = 1) -> None:

@@ -1,12 +1,14 @@
 """Score tests, held to what a fit with the candidate among its parameters gives."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.stats import kstest, norm
+from scipy.stats import f, kstest, norm
 
 from inercal.estimate import Candidate, Gaussian, Problem, least_squares, scored
-from inercal.estimate.scores import compressed
+from inercal.estimate.scores import compressed, tail
 
 Array = NDArray[np.float64]
 
@@ -133,3 +135,37 @@ def test_products_alone_give_the_same_scores(rng: np.random.Generator) -> None:
         other = scored(less, np.zeros((len(less), 0)), [candidate("c", rows[:, k : k + 1])])
         assert other.scores[0].chi2 == pytest.approx(one.scores[0].chi2, rel=1e-6)
         np.testing.assert_allclose(other.scores[0].size, one.scores[0].size, rtol=1e-6)
+
+
+def test_products_are_those_of_what_is_left_of_the_columns(rng: np.random.Generator) -> None:
+    design, residual = rng.standard_normal((40, 5)), rng.standard_normal(40)
+    residual -= design @ np.linalg.lstsq(design, residual)[0]
+    rows = np.zeros((40, 4))  # two of them share a row, two act apart
+    rows[:2, 0], rows[1:3, 1], rows[10, 2], rows[20, 3] = 1.0, 2.0, 1.0, 1.0
+    made = scored(residual, design, [candidate(f"c{k}", rows[:, k : k + 1]) for k in range(4)])
+    left = rows - design @ np.linalg.lstsq(design, rows)[0]
+    lengths = np.linalg.norm(left, axis=0)
+    expected = np.abs(left.T @ left) / np.outer(lengths, lengths)
+    found = [[one.cosine(other) for other in made.scores] for one in made.scores]
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+def test_a_score_by_noise_that_was_found_is_f(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    many, nu = 20_000, 12
+    variance = rng.chisquare(nu, many) / nu
+    chi2 = rng.chisquare(3, many) / variance
+    p = [tail(x, 3, nu) for x in chi2.tolist()]
+    assert kstest(p, "uniform").pvalue > 1e-3
+    assert tail(11.3, 3, nu) == pytest.approx(f.sf(11.3 / 3, 3, nu))
+
+
+def test_noise_that_was_found_lets_fewer_candidates_reject(rng: np.random.Generator) -> None:
+    design, residual = np.zeros((30, 0)), rng.standard_normal(30)
+    rows = 5.0 * np.eye(30)[:, :6]
+    residual[:6] += 5.0
+    some = [candidate(f"c{k}", rows[:, k : k + 1]) for k in range(6)]
+    stated = scored(residual, design, some)
+    found = replace(stated, noise_dof=20.0)
+    for one in stated.scores:
+        assert found.adjusted(one) > stated.adjusted(one)

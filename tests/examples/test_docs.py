@@ -1,20 +1,17 @@
 """The pages say what the code says: keys, defaults, tables, findings, snippets, links."""
 
-import importlib.util
 import re
-import shutil
-import sys
 import tomllib
 from collections.abc import Iterator
 from dataclasses import MISSING, fields
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
+from tests.own_bench import loaded, registered
 from tests.store import generator
 
 import inercal
@@ -311,25 +308,11 @@ def test_the_snippet_of_the_register_page_runs(
 OWN = ROOT / "examples" / "own_bench"
 
 
-@pytest.fixture(scope="module")
-def tilt_table() -> Iterator[ModuleType]:
-    """Return the module of the example, as an installed package would give it."""
-    spec = importlib.util.spec_from_file_location("tilt_table", OWN / "tilt_table.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(sys.modules, "tilt_table", module)
-        spec.loader.exec_module(module)
-        yield module
-
-
 @pytest.fixture
-def tilted(tilt_table: ModuleType, tmp_path: Path) -> Iterator[Path]:
+def tilted(tmp_path: Path) -> Iterator[Path]:
     """Return a copy of the example's run file, its kind and its method being known."""
-    shutil.copy(OWN / "tilt.toml", tmp_path)
-    with KINDS.with_("tilt_table", tilt_table.KIND), METHODS.with_("tilt_means", tilt_table.METHOD):
-        yield tmp_path / "tilt.toml"
+    with registered(tmp_path) as path:
+        yield path
 
 
 def test_excerpts_on_the_pages_of_ones_own_are_those_of_the_examples():
@@ -362,7 +345,8 @@ def test_the_pages_of_ones_own_have_every_field_and_say_which_are_needed(
     ]
 
 
-def test_the_tests_on_the_page_of_a_bench_of_ones_own_pass(tilt_table: ModuleType):
+def test_the_tests_on_the_page_of_a_bench_of_ones_own_pass():
+    loaded()
     (text,) = (one for one in snippets("how-to/own-bench.md") if one.startswith("import"))
     scope: dict[str, Any] = {}
     exec(text, scope)

@@ -55,3 +55,21 @@ def test_the_mean_of_many_axes_noise_is_unbiased():
 def test_rests_without_any_noise_leave_the_density_as_it_is():
     still = [np.tile([0.0, 0.0, G, 0, 0, 0], (300, 1))] * 3
     np.testing.assert_array_equal(without_tremor(DENSITY, imu(), still), DENSITY)
+
+
+def test_axes_that_are_alike_are_not_set_apart_by_chance():
+    alike = np.full(3, NOISE[0] ** 2 * RATE)
+    ratios: list[Array] = []
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        made = []
+        for up in directions(24, rng):
+            body = np.zeros((round(SECONDS * RATE), 6))
+            body[:, :3] = G * up + np.sqrt(alike[0]) * rng.standard_normal((len(body), 3))
+            made.append(body)
+        found = np.diag(without_tremor(DENSITY, imu(), made))[:3]
+        ratios.append(found / alike)
+    # By 24 rests of 6 degrees of freedom each: 12 %. An axis alone would have some 30 %, and more.
+    scatter = np.std(ratios, axis=0)
+    assert np.all(scatter < 0.24)
+    assert np.mean(ratios) == pytest.approx(1, abs=4 * 0.12 / len(ratios) ** 0.5)
