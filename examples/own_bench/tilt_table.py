@@ -198,11 +198,6 @@ def simulate(
     return Simulated(SimulatedMotion(time, motion, labels, drawn, {"angle": told}), sensor)
 
 
-def seconds(bench: TiltTable, steps: Sequence[Tilt]) -> float:
-    """Return how long steps last, s."""
-    return sum(step.seconds for step in steps)
-
-
 def sheet(run: Source[TiltTableData]) -> Sheet:
     """Return what the operator sets."""
     size = readback_units(run)["angle"]
@@ -230,8 +225,7 @@ KIND = Kind(
     (Tilt,),
     read,
     simulate,
-    seconds,
-    Vocabulary(row="position", rows="positions"),
+    words=Vocabulary(row="position", rows="positions"),
     sheet=sheet,
 )
 METHOD = Method(

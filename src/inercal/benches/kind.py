@@ -31,6 +31,7 @@ B = TypeVar("B", bound=Bench)
 D = TypeVar("D", bound=DataSection)
 Output = tuple[Readout, Noise]
 Plan = Callable[[], tuple[Step, ...]]
+Simulate = Callable[[B, Sequence[Any], float, np.random.Generator, int, Sensor, bool], Simulated]
 
 
 @dataclass(frozen=True)
@@ -89,6 +90,34 @@ class Vocabulary:
 def possible(bench: Any, steps: Sequence[Any]) -> str:
     """Refuse no budget."""
     return ""
+
+
+def sum_of_steps(bench: Any, steps: Sequence[Step]) -> float:
+    """Return how long steps last one after the other, s."""
+    return sum(step.seconds for step in steps)
+
+
+def by_motion(perform: Callable[..., SimulatedMotion]) -> Simulate[Any]:
+    """Return `Kind.simulate` of a bench whose simulation asks for no sensor.
+
+    Parameters
+    ----------
+    perform : callable
+        From bench, steps, samples per second, generator and number of trials to the motion.
+    """
+
+    def simulate(
+        bench: Any,
+        steps: Sequence[Any],
+        rate_hz: float,
+        rng: np.random.Generator,
+        trials: int,
+        sensor: Sensor,
+        carried: bool,
+    ) -> Simulated:
+        return Simulated(perform(bench, steps, rate_hz, rng, trials), sensor)
+
+    return simulate
 
 
 def three_axes(
@@ -163,7 +192,7 @@ class Kind(Generic[B, D]):
         From bench, steps, samples per second, generator, number of trials, sensor, and whether the
         sensor stays in the hand between steps.
     seconds : callable
-        How long steps last at most, s.
+        From bench and steps to how long they last at most, s; by default one after the other.
     words : Vocabulary
     effects : tuple of Effect
         That a budget lists.
@@ -204,8 +233,8 @@ class Kind(Generic[B, D]):
     build: Callable[[Any, Path], B]
     steps: tuple[type, ...]
     observe: Callable[[Source[D]], Gathered]
-    simulate: Callable[[B, Sequence[Any], float, np.random.Generator, int, Sensor, bool], Simulated]
-    seconds: Callable[[B, Sequence[Any]], float]
+    simulate: Simulate[B]
+    seconds: Callable[[B, Sequence[Any]], float] = sum_of_steps
     words: Vocabulary = Vocabulary()
     effects: tuple[Effect, ...] = ()
     refuses_budget: Callable[[B, Sequence[Any]], str] = possible

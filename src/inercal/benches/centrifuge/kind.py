@@ -3,33 +3,18 @@
 from collections.abc import Sequence
 from math import degrees
 
-import numpy as np
-
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.benches.centrifuge.report import directions
 from inercal.benches.centrifuge.settings import CentrifugeData, CentrifugeSection, build
 from inercal.benches.centrifuge.simulation import perform_on_arm, seconds_on_arm
-from inercal.benches.contract import Simulated
-from inercal.benches.kind import Effect, Kind
+from inercal.benches.kind import Effect, Kind, by_motion
 from inercal.benches.report import spin_in_words
 from inercal.data import Gathered, Source
 from inercal.plan import Spin
-from inercal.sensors import G0, Sensor
+from inercal.sensors import G0
 from inercal.units import Measured
 
 _NONE = Measured(0.0, 0.0)
-
-
-def _simulate(
-    bench: Centrifuge,
-    steps: Sequence[Spin],
-    rate_hz: float,
-    rng: np.random.Generator,
-    trials: int,
-    sensor: Sensor,
-    carried: bool,
-) -> Simulated:
-    return Simulated(perform_on_arm(bench, steps, rate_hz, rng, trials), sensor)
 
 
 def _seconds(bench: Centrifuge, steps: Sequence[Spin]) -> float:
@@ -57,7 +42,7 @@ KIND = Kind(
     build,
     (Spin,),
     _observe,
-    _simulate,
+    by_motion(perform_on_arm),
     _seconds,
     effects=(
         Effect("earth's rate", "latitude", _NONE, "° of latitude", degrees(1)),

@@ -34,10 +34,6 @@ def _simulate(
     return perform_on_head(bench, steps, sensor, rate_hz, rng, trials)
 
 
-def _seconds(bench: DividingHead, steps: Sequence[Index]) -> float:
-    return sum(step.seconds for step in steps)
-
-
 def _sensor(
     name: str, columns: tuple[str | int, ...], accelerometer: Output, gyro: Output | None
 ) -> Sensor:
@@ -74,8 +70,7 @@ KIND = Kind(
     (Index,),
     _observe,
     _simulate,
-    _seconds,
-    Vocabulary(rows="positions", attitudes="Positions of the head", components=""),
+    words=Vocabulary(rows="positions", attitudes="Positions of the head", components=""),
     sensor=_sensor,
     sheet=sheet,
     rests=_rests,

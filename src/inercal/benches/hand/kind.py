@@ -33,10 +33,6 @@ def _simulate(
     return Simulated(perform(bench, steps, rate_hz, rng, trials, carried=carried), sensor)
 
 
-def _seconds(bench: Hand, steps: Sequence[HandStep]) -> float:
-    return sum(step.seconds for step in steps)
-
-
 def _observe(run: Source[RestsSection]) -> Gathered:
     # Here and below: what finds sections comes with compiled kernels, which plans do without.
     from inercal.benches.hand.reading import observe
@@ -65,7 +61,6 @@ KIND = Kind(
     (Hold, Turn),
     _observe,
     _simulate,
-    _seconds,
     # At the equator the earth does not turn about the vertical.
     effects=(Effect("earth's rate", "latitude", 0.0, "° of latitude", degrees(1), on_rates=True),),
     audit=_audit,

@@ -2,10 +2,7 @@
 
 from collections.abc import Sequence
 
-import numpy as np
-
-from inercal.benches.contract import Simulated
-from inercal.benches.kind import Kind, Vocabulary
+from inercal.benches.kind import Kind, Vocabulary, by_motion
 from inercal.benches.rate_table.bench import RateTable
 from inercal.benches.rate_table.report import plots
 from inercal.benches.rate_table.settings import RateTableData, RateTableSection, build
@@ -15,24 +12,11 @@ from inercal.benches.rate_table.states import tables
 from inercal.benches.report import spin_in_words
 from inercal.data import Gathered, Source
 from inercal.plan import Spin
-from inercal.sensors import Sensor
 
 _UNJUDGED = (
     "what the bench makes, of a tilted state the norm, minus what the model says of one "
     "mean reading"
 )
-
-
-def _simulate(
-    bench: RateTable,
-    steps: Sequence[Spin],
-    rate_hz: float,
-    rng: np.random.Generator,
-    trials: int,
-    sensor: Sensor,
-    carried: bool,
-) -> Simulated:
-    return Simulated(perform_on_table(bench, steps, rate_hz, rng, trials), sensor)
 
 
 def _seconds(bench: RateTable, steps: Sequence[Spin]) -> float:
@@ -54,7 +38,7 @@ KIND = Kind(
     build,
     (Spin,),
     _observe,
-    _simulate,
+    by_motion(perform_on_table),
     _seconds,
     Vocabulary(row="state or mounting", turner="table", rows="states", unjudged=_UNJUDGED),
     sheet=sheet,
