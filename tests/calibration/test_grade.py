@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from inercal.calibration import grade
+from inercal.calibration import grade, verdict_object
 from inercal.calibration.verdict import verdict
 from inercal.estimate import Candidate, Estimate, Problem, Test, least_squares
 from inercal.estimate.result import Group
@@ -157,7 +157,7 @@ def test_false_alarms_are_one_per_cent_at_most() -> None:
 
 def test_a_verdict_survives_json() -> None:
     one = graded(estimate(8.0))
-    written = json.loads(json.dumps(grade.as_object(one)))
-    read = grade.from_object(written, one.lines)
-    assert grade.as_object(read) == written
+    written = json.loads(json.dumps(verdict_object.as_object(one)))
+    read = verdict_object.from_object(written, one.lines)
+    assert verdict_object.as_object(read) == written
     assert (read.grade, read.lines, read.reasons) == (one.grade, one.lines, one.reasons)

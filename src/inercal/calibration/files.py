@@ -16,7 +16,7 @@ from typing import Any, cast, get_args
 
 import numpy as np
 
-from inercal.calibration import Calibration, Frame, SharedError, Validity, grade
+from inercal.calibration import Calibration, Frame, SharedError, Validity, verdict_object
 from inercal.errors import InercalError, InputError
 from inercal.io.atomic import atomic_write
 from inercal.sensors import SI_UNITS, Axis, Form, Readout, Sensor
@@ -66,7 +66,7 @@ def as_object(calibration: Calibration) -> dict[str, Any]:
         "notes": list(calibration.notes),
     }
     if calibration.verdict is not None:
-        content["verdict"] = grade.as_object(calibration.verdict)
+        content["verdict"] = verdict_object.as_object(calibration.verdict)
     if calibration.shared is not None:
         content["shared"] = [_shared_object(one) for one in calibration.shared]
     if calibration.validity is not None:
@@ -198,7 +198,7 @@ def _from_object(content: dict[str, Any]) -> Calibration:
         notes,
         content["frame"],
         mount,
-        None if judged is None else grade.from_object(judged, notes),
+        None if judged is None else verdict_object.from_object(judged, notes),
         None if shared is None else tuple(map(_shared_error, shared)),
         None if validity is None else Validity(**{k: _range(v) for k, v in validity.items()}),
         _texts("job", content.get("job", {})),

@@ -83,7 +83,8 @@ def freedom(rests: int) -> int:
 def _alike(own: Array, dof: int) -> Array:
     """Return densities (a,) drawn to one another as far as chance alone sets them apart.
 
-    Logarithms of a densities of ν/a degrees of freedom scatter by 2 a/ν about one value.
+    Logarithms of a densities of ν/a degrees of freedom scatter by 2 a/ν about one value: the
+    shrinkage of Smyth 2004 (`inercal.estimate.correlation`) without its prior's own freedom.
     """
     log = np.log(own)
     by_chance, seen = 2 * own.size / dof, float(np.var(log, ddof=1)) if own.size > 1 else 0.0
