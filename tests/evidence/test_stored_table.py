@@ -21,11 +21,6 @@ from tests.evidence.cells import (
 # is slack.
 ROUNDED = 2
 SAMPLE = 24
-# A step of η = 6 in the middle of one rest is noticed in 32 of 40.
-SHORT = pytest.mark.xfail(
-    strict=True, reason="a step of η = 6 within one rest: 32 of 40 noticed, 34 demanded"
-)
-NAMES = [pytest.param(n, marks=SHORT) if n == "multi_position, recorded" else n for n in CASES]
 CHEAP = tuple(n for n in CASES if not n.startswith("turntable") and n != "multi_position, recorded")
 
 
@@ -44,7 +39,7 @@ def test_the_table_has_every_cell_of_its_methods(stored: list[tuple[Cell, Count]
         assert {(c.case, c.violation, c.at) for c in cells_of(name)} <= has
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", CASES)
 def test_no_visible_violation_is_called_consistent(name: str, stored: list[tuple[Cell, Count]]):
     table = dict(stored)
     missed = [cell for cell, _ in tables_of.missed(table) if cell.case == name]

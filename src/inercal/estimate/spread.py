@@ -29,6 +29,8 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import chdtri, fdtrc
 
+from inercal.estimate.scores import tail
+
 Array = NDArray[np.float64]
 _LEVEL = 0.95
 _CALM = 0.99  # a share taken by chance would state too little
@@ -109,7 +111,7 @@ def spread(
     return Spread()
 
 
-def by_others(rows: Array) -> Array:
+def by_others(rows: Array, noise_dof: float = np.inf) -> Array:
     """Return factors on whitened rows by which each is judged by the others' scatter, (r,).
 
     One where the others do not scatter beyond their 95 % bound. Elsewhere a row's sum of squares
@@ -118,6 +120,8 @@ def by_others(rows: Array) -> Array:
     Parameters
     ----------
     rows : (r, q) array
+    noise_dof : float
+        Degrees of freedom behind the noise that whitened them.
     """
     r, q = rows.shape
     squares = np.sum(rows**2, axis=1)
@@ -126,7 +130,9 @@ def by_others(rows: Array) -> Array:
     if dof < 1:
         return factor
     others = squares.sum() - squares
-    for k in np.flatnonzero(others > float(chdtri(dof, 1 - _LEVEL))).tolist():
+    for k, beyond in enumerate(others.tolist()):
+        if tail(beyond, dof, noise_dof) > 1 - _LEVEL:
+            continue
         ratio = float(squares[k]) / q / (float(others[k]) / dof)
         p = float(fdtrc(q, dof, ratio))
         equal = float(chdtri(q, p)) if p > 0 else np.inf

@@ -27,7 +27,7 @@ from inercal.uncertainty import BATCHES, pooled_mean_covariances
 
 Array = NDArray[np.float64]
 MIN_SAMPLES = 20  # fewer leave no batches to judge the noise by
-_FREEDOM = 456  # degrees of freedom behind the noise: those of 24 rests of 20 batches
+_FREEDOM = 342  # degrees of freedom behind the noise: those of 18 rests of 20 batches
 
 
 def observe(

@@ -28,7 +28,7 @@ from scipy.optimize import nnls
 from inercal.sensors import Sensor, inverse
 
 Array = NDArray[np.float64]
-_WINDOWS = 7  # in a rest
+_WINDOWS = 11  # in a rest: of 3 s they pass what is below 4 Hz, where the tremor of a hand begins
 _CHANGED = 6.63  # χ² of one degree of freedom, 99 %
 # E (z² − 1) above that bound: what is taken from a halves' density by chance, over its mean.
 _TAKEN = 0.0745
@@ -68,7 +68,7 @@ def without_tremor(density: Array, sensor: Sensor, sections: Iterable[Array]) ->
         counted: Array = np.where(halves * weight > _CHANGED, calm, seen)
         own, _residual = nnls(by_axis * weight[:, None], counted * weight)
         own = np.maximum(own, _LEAST * float(seen.mean()))
-    own = _alike(own, freedom(len(seen)))
+    own = _alike(own, by_axis / (by_axis @ own)[:, None])
     replaced = density.copy()
     replaced[:a, :], replaced[:, :a] = 0.0, 0.0
     replaced[:a, :a] = np.diag(own)
@@ -80,14 +80,21 @@ def freedom(rests: int) -> int:
     return (_WINDOWS - 1) * rests
 
 
-def _alike(own: Array, dof: int) -> Array:
+def _alike(own: Array, weighted: Array) -> Array:
     """Return densities (a,) drawn to one another as far as chance alone sets them apart.
 
-    Logarithms of a densities of ν/a degrees of freedom scatter by 2 a/ν about one value: the
-    shrinkage of Smyth 2004 (`inercal.estimate.correlation`) without its prior's own freedom.
+    Attitudes that mix the axes tell their sum well and their differences less: with the rows (r, a)
+    weighted as for `own`, whose errors have variance 2/ν each, their covariance is that of least
+    squares. Logarithms that scatter by more than it says keep the rest: the shrinkage of
+    Smyth 2004 (`inercal.estimate.correlation`) without its prior's own freedom.
     """
-    log = np.log(own)
-    by_chance, seen = 2 * own.size / dof, float(np.var(log, ddof=1)) if own.size > 1 else 0.0
+    a = own.size
+    if a < 2:
+        return own
+    log, apart = np.log(own), np.eye(a) - 1 / a
+    covariance = 2 / (_WINDOWS - 1) * np.linalg.pinv(weighted.T @ weighted)
+    of_logs = apart @ (covariance / np.outer(own, own)) @ apart
+    by_chance, seen = float(np.trace(of_logs)) / (a - 1), float(np.var(log, ddof=1))
     kept = max(0.0, 1 - by_chance / seen) if seen > 0 else 0.0
     drawn = np.exp(kept * (log - log.mean()))
     return np.asarray(own.mean() * drawn / drawn.mean(), dtype=np.float64)
@@ -119,7 +126,7 @@ def _densities(y: Array) -> tuple[float, float, float]:
     As it is; without the change from half to half; by that change alone. The first two are raised
     by what choosing between them takes from white noise on the average.
     """
-    n = y.size
+    n, y = y.size, y - y[0]  # exactly zero where nothing changes
     step = np.where(np.arange(n) < n // 2, 1 / (n // 2), -1 / (n - n // 2))
     step /= float(np.linalg.norm(step))
     change, share = float(step @ y), _density(step)

@@ -104,7 +104,7 @@ def changes(rests: Rests, rows: Rows, x: Array, scatter: Scatter) -> Changes | N
     solved: Array = np.asarray(np.linalg.solve(factor, both), dtype=np.float64)
     columns, white = solved[..., :-1], solved[..., -1]
     for part in (slice(0, 1), slice(1, 3)):
-        held = by_others(white[:, part])[:, None]
+        held = by_others(white[:, part], seen.dof)[:, None]
         white[:, part] *= held
         columns[:, part] *= held[..., None]
     span = max(float(np.ptp(seen.time)), 1e-300)
@@ -133,6 +133,9 @@ def steps(rests: Rests, rows: Rows, changed: Changes) -> Iterator[tuple[Candidat
 
 
 def alone(step: Candidate) -> Iterator[Candidate]:
-    """Yield each component of a candidate by itself."""
+    """Yield each component of a step by itself.
+
+    All at once would be a push of the hand, which `inercal.segments.within` judges along gravity.
+    """
     for k, (name, unit) in enumerate(zip(step.components, step.units, strict=True)):
         yield Candidate(name, step.kind, (name,), (unit,), step.rows[:, [k]])
