@@ -38,6 +38,7 @@ from inercal.sensors import G0
 Array = NDArray[np.float64]
 Places = NDArray[np.int64]
 _FEW = 6  # steps
+_MANY = 100  # rests, beyond which no axis is scored apart: memory grows with their square
 _ROUNDING = 1e-9  # of χ²: a rotation is the product of hundreds of steps
 _EXACT = 1e-15  # SI; what is known better is exact
 BESIDE = ("g", "earth_1", "earth_2", "earth_up", "timebase")
@@ -204,7 +205,8 @@ def _fit(
                 white = np.concatenate([white, changed.below(one)])
             yield replace(one, rows=white)
         for one, below in steps(rests, rows, changed) if changed is not None else ():
-            yield from alone(replace(one, rows=np.concatenate([whiten(one.rows), below])))
+            whole = replace(one, rows=np.concatenate([whiten(one.rows), below]))
+            yield from alone(whole) if len(rests.observations.labels) <= _MANY else (whole,)
 
     places: list[int] = free.tolist()
     chosen = tuple(names[k] for k in places)
