@@ -1,0 +1,132 @@
+"""From simulation to report: every method on its kind of bench, and one that a package brings.
+
+The run files are made of what kinds and methods declare: a new one is in here without an edit.
+"""
+
+import csv
+from collections.abc import Iterator
+from dataclasses import replace
+from io import StringIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.special import chdtri
+from tests.benches.made_runs import WHITE, drawn, judged, kind_for, written
+from tests.own_bench import registered
+
+from inercal.benches import MeanBench
+from inercal.budget import budget
+from inercal.budget.of_run import experiment_of
+from inercal.design.worksheet import as_csv, worksheet
+from inercal.errors import InputError
+from inercal.methods import METHODS
+from inercal.report import write_report
+from inercal.runfile import Run, read
+from inercal.units import parse
+
+OWN = "tilt_means"
+METHOD = pytest.mark.parametrize("method", [*METHODS, OWN])
+SD = "5 µg"  # of a mean, from the white noise of a sample and some seconds
+DEVICES, FOLLOWED = 8, 2  # the latter where every sample is followed
+FITTED = pytest.mark.parametrize(
+    "method",
+    [
+        pytest.param(name, marks=pytest.mark.slow if kind_for(name).sampled else ())
+        for name in METHODS
+    ]
+    + [OWN],
+)
+
+
+def read_off(run: Run, rng: np.random.Generator) -> dict[str, list[float]]:
+    """Return the mean readings of each step, output units, on a bench with errors as stated."""
+    off = {
+        name: np.array(one.value + one.sd * rng.standard_normal())
+        for name, one in run.bench.nuisances(run.steps, run.sensor).items()
+    }
+    assert isinstance(run.bench, MeanBench)
+    motion = run.bench.mean_motion(run.steps, off).motion
+    c = np.array([run.truth[name] for name in run.sensor.coefficients])
+    si = run.sensor.forward(motion, c)
+    si += parse(SD, "g").value * rng.standard_normal(si.shape)
+    return {
+        step.label: row
+        for step, row in zip(run.steps, run.sensor.to_output(si).tolist(), strict=True)
+    }
+
+
+@pytest.fixture(autouse=True)
+def known(tmp_path: Path) -> Iterator[None]:
+    with registered(tmp_path):
+        yield
+
+
+@FITTED
+def test_errors_of_simulated_sensors_are_as_stated_and_reported(method: str, tmp_path: Path):
+    path = written(method, tmp_path)
+    seeds = range(FOLLOWED if kind_for(method).sampled else DEVICES)
+    found = [judged(drawn(path, seed)) for seed in seeds]
+    dof = sum(len(one.calibration.values) for one, _ in found)
+    low, high = (float(chdtri(dof, q)) / dof for q in (0.9995, 0.0005))
+    assert low < np.mean([nees for _, nees in found]) < high
+    assert sum(one.verdict.grade == "consistent" for one, _ in found) >= len(found) - 1
+    outcome = found[0][0]
+    page = write_report(outcome, tmp_path / "report.html").read_text(encoding="utf-8")
+    assert all(f"{name}<" in page for name in outcome.calibration.sensor.coefficients)
+    assert "<svg" in page
+
+
+@METHOD
+def test_the_budget_of_a_plan_is_what_its_estimator_states(method: str, tmp_path: Path):
+    run = drawn(written(method, tmp_path), 1)
+    if run.method.free or run.kind.refuses_budget(run.bench, run.steps):
+        with pytest.raises(InputError, match="budget"):
+            experiment_of(run)
+        return
+    found = budget(experiment_of(run), trials=16)
+    np.testing.assert_allclose(found.total.first_order, found.stated, rtol=0.25)
+
+
+@METHOD
+def test_a_filled_worksheet_is_a_table_of_means(method: str, tmp_path: Path):
+    run = drawn(written(method, tmp_path), 1)
+    if run.kind.sheet is None:
+        return
+    made = worksheet(run)
+    header, *rows = csv.reader(StringIO(as_csv(made)))
+    readings = read_off(run, np.random.default_rng(1))
+    assert len(rows) == len(readings)
+    for row, step in zip(rows, made.sheet.rows, strict=True):
+        row += [""] * (len(header) - len(row))
+        for channel, value in zip(run.sensor.channels, readings[step.label], strict=True):
+            row[header.index(channel)] = repr(value)
+    with (tmp_path / "sheet.csv").open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file).writerows([header, *rows])
+    text = run.path.read_text(encoding="utf-8")
+    for old, new in (
+        ("made.npz", "sheet.csv"),
+        (WHITE, ""),
+        ("[data]", '[data]\nkind = "means"'),
+        ('marks = "labels"', ""),
+        *(() if "label" in header else (('label = "label"', ""),)),
+        ('rate = "50 Hz"', ""),
+        ('time = "time"', ""),
+        ("[method]", f'[data.sd]\naccelerometer = "{SD}"\n[method]'),
+    ):
+        text = text.replace(old, new)
+    run.path.write_text(text, encoding="utf-8")
+    _, nees = judged(replace(read(run.path), truth=run.truth))
+    dof = len(run.sensor.coefficients)
+    assert float(chdtri(dof, 0.9995)) < nees * dof < float(chdtri(dof, 0.0005))
+
+
+@METHOD
+def test_a_key_of_another_kind_is_answered_with_its_kind(method: str, tmp_path: Path):
+    path = written(method, tmp_path)
+    text = path.read_text(encoding="utf-8")
+    kind = kind_for(method)
+    key = "table_unit" if "table_unit" not in kind.data.model_fields else "arm_rate"
+    path.write_text(text.replace("[data]", f'[data]\n{key} = "x"'), encoding="utf-8")
+    with pytest.raises(InputError, match=f"{key} goes with \\[bench\\] kind"):
+        read(path)
