@@ -9,9 +9,9 @@ from collections.abc import Callable
 from math import isnan, nan
 from threading import Condition, Thread
 from time import monotonic
-from typing import Self
 
 from inercal.errors import InercalError
+from inercal.host.closing import Closing
 from inercal.host.link import Link, LinkLost
 from inercal.host.packets import Layout
 
@@ -20,7 +20,7 @@ _WAIT = 0.2  # s after which the thread looks whether it shall end
 _STALE = 1 << 20  # bytes; a link that gives as many at once gives without end
 
 
-class ImuPort:
+class ImuPort(Closing):
     """What comes over `link`.
 
     Parameters
@@ -169,9 +169,3 @@ class ImuPort:
                     self._came.notify_all()
             if lost:
                 return
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()

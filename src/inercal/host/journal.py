@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import NamedTuple, Self
 
 from inercal.errors import InputError
+from inercal.host.closing import Closing
 from inercal.io.atomic import atomic_write
 
 _VERSION = 1
@@ -82,7 +83,7 @@ class Event(NamedTuple):
     words: str
 
 
-class Journal:
+class Journal(Closing):
     """A journal open for writing; every call is one transaction.
 
     What a call wrote is there after a kill of the host at any moment. After a loss of power the
@@ -216,12 +217,6 @@ class Journal:
     def close(self) -> None:
         """Close the file."""
         self._db.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 def _opened(path: Path) -> sqlite3.Connection:

@@ -13,6 +13,7 @@ from typing import Protocol, Self
 from urllib.parse import parse_qsl, urlsplit
 
 from inercal.errors import InercalError, InputError
+from inercal.host.closing import Closing
 
 # What a terminal says that is gone, where a system has them: it is no OSError.
 if sys.platform == "win32":
@@ -55,19 +56,7 @@ class Link(Protocol):
     def __exit__(self, *_: object) -> None: ...
 
 
-class _Closing:
-    """What makes a link a context manager."""
-
-    def close(self) -> None: ...
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-
-class TcpLink(_Closing):
+class TcpLink(Closing):
     """A connection over TCP, without Nagle's delay: requests are small and wait for replies."""
 
     def __init__(self, host: str, port: int, opening: float = OPENING):
@@ -106,7 +95,7 @@ class TcpLink(_Closing):
         self._socket.close()
 
 
-class SerialLink(_Closing):
+class SerialLink(Closing):
     """A serial port by pyserial: `path` as the system names it, `baud` in bit/s."""
 
     def __init__(

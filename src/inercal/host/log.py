@@ -18,10 +18,11 @@ from hashlib import file_digest
 from pathlib import Path
 from struct import Struct
 from time import monotonic, sleep
-from typing import NamedTuple, Self
+from typing import NamedTuple
 from zlib import crc32
 
 from inercal.errors import InputError
+from inercal.host.closing import Closing
 
 if sys.platform != "win32":
     from fcntl import LOCK_EX, LOCK_NB, LOCK_SH, flock
@@ -50,7 +51,7 @@ class Frame(NamedTuple):
     payload: bytes
 
 
-class Log:
+class Log(Closing):
     """A log open for appending, by one host at a time: the file is locked while it is open.
 
     The system frees the lock of a host that is gone, however it went.
@@ -125,12 +126,6 @@ class Log:
                 os.close(self._file)
         except OSError as error:
             raise InputError(f"{self.path}: cannot be written: {error.strerror}") from None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 def frames(path: str | os.PathLike[str]) -> Generator[Frame]:

@@ -8,10 +8,11 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Literal, Self
+from typing import Literal
 
 from inercal.errors import InputError
 from inercal.host.addresses import Addresses
+from inercal.host.closing import Closing
 from inercal.host.compile import compiled
 from inercal.host.packets import read_layout
 from inercal.host.sim import motion_link
@@ -25,7 +26,7 @@ STARTING = "starting a simulated bench; the first time on a machine all is compi
 _ENDING = 10.0  # s of the wall in which a process ends by itself
 
 
-class SimulatedBench:
+class SimulatedBench(Closing):
     """The bench of a run file, simulated; as a context manager it ends with the context.
 
     Its processes end when their starter does, which may be another than the host.
@@ -178,12 +179,6 @@ class SimulatedBench:
         if not said.startswith("at "):
             raise InputError(said.removeprefix("no: ") or f"the simulated {which} does not start")
         return said.split()[1:]
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 def started(run: Run, seed: int, preset: str) -> SimulatedBench:

@@ -15,9 +15,9 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import degrees, inf, nan, radians
-from typing import Self
 
 from inercal.errors import InputError
+from inercal.host.closing import Closing
 from inercal.host.drivers.table import (
     AxisLimits,
     AxisState,
@@ -44,7 +44,7 @@ class AcutrolAxis:
     number: int
 
 
-class Acutrol:
+class Acutrol(Closing):
     """A `RotaryTable` on the ACUTROL3000 at `address`.
 
     Parameters
@@ -202,12 +202,6 @@ class Acutrol:
             )
         if status & 4:
             raise TableFault(f"the controller refuses {line!r}")
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 def _number(text: str) -> float:

@@ -11,8 +11,8 @@ its own, `TableState.time` is NaN, and has no command that takes its power off.
 import re
 from collections.abc import Callable
 from math import degrees, inf, nan, radians
-from typing import Self
 
+from inercal.host.closing import Closing
 from inercal.host.drivers.table import (
     AxisLimits,
     AxisState,
@@ -27,7 +27,7 @@ from inercal.host.link import Link, LinkLost, open_link
 _NUMBER = re.compile(r"[+-]?\d{1,12}(?:\.\d{0,12})?", re.ASCII)
 
 
-class Motor:
+class Motor(Closing):
     """A `RotaryTable` of one axis on such a controller at `address`.
 
     Parameters
@@ -141,9 +141,3 @@ class Motor:
         if not _NUMBER.fullmatch(said):
             raise ProtocolError(f"{said[:40]!r} is no number in answer to {line!r}")
         return float(said)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()

@@ -22,9 +22,9 @@ Source: Delta Tau, Turbo PMAC Software Reference Manual.
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from math import inf, tau
-from typing import Self
 
 from inercal.errors import InputError
+from inercal.host.closing import Closing
 from inercal.host.drivers import pmac_codec as codec
 from inercal.host.drivers.pmac_dialogue import Dialogue
 from inercal.host.drivers.table import (
@@ -53,7 +53,7 @@ class PmacAxis:
     counts_per_turn: float
 
 
-class Pmac:
+class Pmac(Closing):
     """A `RotaryTable` on the Turbo PMAC at `address`.
 
     Parameters
@@ -264,12 +264,6 @@ class Pmac:
             f"I{n}20=0 I{n}21=0 I{n}19={_text(acceleration * per_turn * 1e-6)} {speed}#{n}{command}"
         )
         self._started[i] = codec.word(self._ask(f"{line} RHX$0", 1)[0], 6)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 def _text(value: float) -> str:

@@ -7,8 +7,8 @@ such a protocol could tell.
 """
 
 from collections.abc import Callable
-from typing import Self
 
+from inercal.host.closing import Closing
 from inercal.host.drivers.table import ProtocolError
 from inercal.host.link import Link, LinkLost, open_link, read_until
 
@@ -16,7 +16,7 @@ _TALKS = 20  # pieces of what is still under way
 _MOST = 1 << 16  # bytes; no reply of a table comes near
 
 
-class TextDialogue:
+class TextDialogue(Closing):
     """A connection to the controller at `address`.
 
     Parameters
@@ -103,9 +103,3 @@ class TextDialogue:
                     break
         self._link = link
         return link
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
