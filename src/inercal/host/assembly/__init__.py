@@ -267,11 +267,7 @@ class Assembly:
         waiting, imu = self._imu.waiting, self._imu
         if not waiting:
             return None
-        whole = Samples(
-            np.concatenate([one.ticks for one in waiting]),
-            np.concatenate([one.output for one in waiting]),
-            np.concatenate([one.temperature for one in waiting]),
-        )
+        whole = Samples._make(map(np.concatenate, zip(*waiting, strict=True)))
         n = int(np.searchsorted(whole.ticks / imu.per_second - offset, until))
         imu.waiting = [whole.where(slice(n, None))] if n < whole.ticks.size else []
         return whole.where(slice(0, n)) if n else None

@@ -5,7 +5,7 @@ thrown away and counted.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -92,19 +92,11 @@ def joined(parts: Iterable[Packets]) -> Packets:
     parts = list(parts)
     if not parts:
         raise InputError("no packets to join")
-    return Packets(
-        np.concatenate([part.readings for part in parts]),
-        _along([part.counter for part in parts]),
-        _along([part.time for part in parts]),
-        np.concatenate([part.temperature for part in parts]),
-        np.concatenate([part.status for part in parts]),
-        np.concatenate([part.flags for part in parts]),
-    )
-
-
-def _along(columns: list[NDArray[Number] | None]) -> NDArray[Number] | None:
-    there = [column for column in columns if column is not None]
-    return np.concatenate(there) if there else None
+    columns: dict[str, Any] = {}
+    for one in fields(Packets):
+        there = [column for part in parts if (column := getattr(part, one.name)) is not None]
+        columns[one.name] = np.concatenate(there) if there else None
+    return Packets(**columns)
 
 
 class Decoder:
