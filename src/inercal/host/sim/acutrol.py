@@ -10,7 +10,8 @@ import re
 from argparse import ArgumentParser
 from math import degrees, inf, radians
 
-from inercal.host.sim.dynamics import Axis, Killed, Motion, Table, fault_in_words, three_axes
+from inercal.host.sim.controller import Controller
+from inercal.host.sim.dynamics import Axis, Killed, Table, three_axes
 from inercal.host.sim.lines import LineSession
 from inercal.host.sim.process import add_pace, pace_of, serve
 
@@ -23,7 +24,7 @@ class _Wrong(Exception):
     """A command that the controller refuses."""
 
 
-class SimulatedAcutrol:
+class SimulatedAcutrol(Controller):
     """An ACUTROL3000 with a channel for each axis, 1 the outermost; rates in °/s."""
 
     def __init__(
@@ -32,7 +33,7 @@ class SimulatedAcutrol:
         rate: float = 400.0,
         acceleration: float = 500.0,
     ):
-        self.table = Table(axes or three_axes(), 2000.0)
+        super().__init__(Table(axes or three_axes(), 2000.0))
         self._most = {"rate": rate, "acceleration": acceleration}
         count = len(self.table.axes)
         self._mode = ["off"] * count
@@ -50,22 +51,9 @@ class SimulatedAcutrol:
             # Absolute encoders: zero is where the axis is built to have it.
             x.zero, x.homed, x.fatal, x.band = 0.0, 1, radians(2.0), radians(1e-4)
 
-    @property
-    def time(self) -> float:
-        """Bench time, s."""
-        return self.table.time
-
-    def advance(self, until: float) -> Motion:
-        """Let bench time pass; return the true motion of each servo cycle."""
-        return self.table.advance(until)
-
     def session(self) -> LineSession:
         """Return the controller's side of a new connection."""
         return LineSession(b"\n", self._line)
-
-    def fault(self, words: str) -> None:
-        """Set a fault of the table in words: `amplifier 2`, `frozen 1 off`, `jammed 3`."""
-        fault_in_words(self.table, words)
 
     def _line(self, line: str) -> str:
         said: list[str] = []
