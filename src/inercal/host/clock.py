@@ -21,7 +21,7 @@ from typing import NamedTuple, Protocol
 from urllib.parse import urlsplit
 
 from inercal.errors import InputError
-from inercal.host.link import LinkLost
+from inercal.host.link import LinkLost, host_and_port
 
 _ANSWER = 20  # s; of a bench whose machine is busy
 _STALE = 0.5  # s of the wall after which the last answer is asked for again
@@ -110,9 +110,12 @@ class SimulatedClock:
         if speed is not None and not speed > 0:
             raise InputError(f"speed {speed}; give it > 0")
         self._address, self._speed = address, speed
-        host, port = _place(address)
+        parts = urlsplit(address)
+        place = host_and_port(parts)
+        if parts.scheme != "clock" or place is None:
+            raise InputError(f"{address!r} is no clock; possible: clock://127.0.0.1:4000")
         try:
-            self._socket = socket.create_connection((host, port), _ANSWER)
+            self._socket = socket.create_connection(place, _ANSWER)
         except OSError as error:
             raise LinkLost(f"{address}: cannot connect: {error.strerror or error}") from error
         except UnicodeError as error:
@@ -187,15 +190,3 @@ class SimulatedClock:
             return Tick(float(now), int(sent), float(sent_by))
         except ValueError as error:
             raise LinkLost(f"{self._address}: {line[:40]!r} is no time of a bench") from error
-
-
-def _place(address: str) -> tuple[str, int]:
-    """Return host and port of an address."""
-    parts = urlsplit(address)
-    try:
-        host, port = parts.hostname, parts.port
-    except ValueError:
-        host, port = None, None
-    if parts.scheme != "clock" or not host or not port:
-        raise InputError(f"{address!r} is no clock; possible: clock://127.0.0.1:4000")
-    return host, port

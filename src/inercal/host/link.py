@@ -8,11 +8,12 @@ pseudo-terminal has none and says ENOTTY.
 import socket
 import sys
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from time import monotonic
 from typing import Protocol, Self
-from urllib.parse import parse_qsl, urlsplit
+from urllib.parse import SplitResult, parse_qsl, urlsplit
 
-from inercal.errors import InercalError, InputError
+from inercal.errors import InercalError, InputError, brought_by
 from inercal.host.closing import Closing
 
 # What a terminal says that is gone, where a system has them: it is no OSError.
@@ -101,12 +102,8 @@ class SerialLink(Closing):
     def __init__(
         self, path: str, baud: int = 115200, bits: int = 8, parity: str = "none", stop: int = 1
     ):
-        try:
+        with pyserial_needed():
             import serial
-        except ImportError as error:
-            raise InputError(
-                "serial ports need pyserial; install the extra: pip install 'inercal[host]'"
-            ) from error
         self.address = f"serial:{path}"
         self._broken = (OSError, serial.SerialException, *_NO_TERMINAL)
         try:
@@ -161,13 +158,10 @@ def open_link(address: str, opening: float = OPENING) -> Link:
     given = dict(parse_qsl(parts.query, keep_blank_values=True))
     if parts.scheme == "tcp":
         _refuse(address, given, ())
-        try:
-            host, port = parts.hostname, parts.port
-        except ValueError:
-            host, port = None, None
-        if not host or not port or parts.path not in ("", "/"):
+        place = host_and_port(parts)
+        if place is None or parts.path not in ("", "/"):
             raise InputError(f"{address!r} is no address of TCP; possible: tcp://192.168.0.5:1025")
-        return TcpLink(host, port, opening)
+        return TcpLink(*place, opening)
     if parts.scheme == "serial" and parts.path:
         _refuse(address, given, ("baud", "bits", "parity", "stop"))
         parity = given.get("parity", "none")
@@ -190,6 +184,20 @@ def read_until(link: Link, done: Callable[[bytes], bool], timeout: float, most: 
         if data and done(data):
             return True
     return False
+
+
+def host_and_port(parts: SplitResult) -> tuple[str, int] | None:
+    """Return where an address leads; None where it lacks either, or has a port that is none."""
+    try:
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        return None
+    return (host, port) if host and port else None
+
+
+def pyserial_needed() -> AbstractContextManager[None]:
+    """Refuse in the context by an `InputError` that pyserial is not installed."""
+    return brought_by("host", "serial ports need pyserial; install the extra", ("serial",))
 
 
 def _refuse(address: str, given: dict[str, str], known: tuple[str, ...]) -> None:

@@ -169,14 +169,10 @@ class Decoder:
         flags = np.zeros(n, np.uint8)
         readings = np.full((n, len(AXES)), np.nan)
         signs = {field.role: field.sign for frame in layout.frames for field in frame.fields}
-        for k, role in enumerate(AXES):
-            if role in raw:
-                flags |= _scaled(layout, role, signs[role], raw[role], readings[:, k])
         temperature = np.full(n, np.nan)
-        if "temperature" in raw:
-            flags |= _scaled(
-                layout, "temperature", signs["temperature"], raw["temperature"], temperature
-            )
+        for role, column in zip((*AXES, "temperature"), (*readings.T, temperature), strict=True):
+            if role in raw:
+                flags |= _scaled(layout, role, signs[role], raw[role], column)
         status, stated = np.zeros(n, np.int64), np.zeros(n, bool)
         if "status" in raw:
             stated = np.isfinite(raw["status"])  # where packets of several kinds come
