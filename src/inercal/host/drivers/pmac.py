@@ -34,8 +34,10 @@ from inercal.host.drivers.table import (
     TableFault,
     TableState,
     index_of,
+    require_named,
+    stop_surely,
 )
-from inercal.host.link import Link, LinkLost, open_link
+from inercal.host.link import Link, open_link
 
 _CYCLES = 1 << 24  # X:$0 wraps here
 # s after a command in which a motor may still say that it is where it was: it starts at the next
@@ -83,8 +85,7 @@ class Pmac(Closing):
         opener: Callable[[str], Link] = open_link,
     ):
         self._axes = tuple(axes)
-        if not self._axes or len({a.name for a in self._axes}) < len(self._axes):
-            raise InputError("a table needs axes, each of its own name")
+        require_named(self.axes)
         for axis in self._axes:
             if not (1 <= axis.motor <= 32 and 0 < abs(axis.counts_per_turn) < inf):
                 raise InputError(f"axis {axis.name}: motors are 1 to 32, counts in a turn not 0")
@@ -148,11 +149,7 @@ class Pmac(Closing):
         `^A` also closes the loops of killed motors. It brings no answer: what still turns is told
         `J/` at the same deceleration, whose answer says that it was heard.
         """
-        try:
-            self._dialogue.control("A")
-        except (ProtocolError, LinkLost):
-            # The connection is a new one, and an abort twice is an abort.
-            self._dialogue.control("A")
+        stop_surely(lambda: self._dialogue.control("A"))
         state = self.read()
         turning = [a.motor for a, s in zip(self._axes, state.axes, strict=True) if s.moving]
         self._each(f"I{m}20=0 I{m}21=0 I{m}19=I{m}15 #{m}J/" for m in turning)

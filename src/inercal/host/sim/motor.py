@@ -12,14 +12,15 @@ from inercal.host.sim.faults import number_in
 from inercal.host.sim.lines import LineSession
 from inercal.host.sim.process import add_pace, pace_of, serve
 
+_MOST = {"JOG": 600.0, "VEL": 600.0, "ACL": 200.0}  # °/s, °/s²
+
 
 class SimulatedMotor(Controller):
-    """A motor that turns the table at up to `rate` °/s, from anywhere; its servo is always on."""
+    """A motor that turns the table at up to 600 °/s, from anywhere; its servo is always on."""
 
-    def __init__(self, axis: Axis | None = None, rate: float = 600.0, acceleration: float = 200.0):
-        axis = axis or Axis("table", start=1.2, omega=25.0, feedforward=0.9)
+    def __init__(self):
+        axis = Axis("table", start=1.2, omega=25.0, feedforward=0.9)
         super().__init__(Table([axis], 1000.0))
-        self._most = {"JOG": rate, "VEL": rate, "ACL": acceleration}
         self.table.state[0].fatal = radians(10.0)
         self.table.enable(0)
 
@@ -45,9 +46,7 @@ class SimulatedMotor(Controller):
                 self.table.search(0)
             case ["ACL" | "VEL" | "JOG" | "POS" as what, text] if isfinite(number_in(text)):
                 value = float(text)
-                if abs(value) > self._most.get(what, 1e9) or (
-                    what in ("ACL", "VEL") and value <= 0
-                ):
+                if abs(value) > _MOST.get(what, 1e9) or (what in ("ACL", "VEL") and value <= 0):
                     return "? range\r\n>"
                 self._set(what, radians(value))
             case _:
