@@ -67,7 +67,7 @@ class Account(Closing):
 
     def __init__(self, folder: Folder, journal: Journal, layout: Layout):
         run, bench = folder.run, turntable_of(folder.run)
-        self.assembly = Assembly.of(run, layout, journal.header().poll)
+        self.assembly = Assembly(run, layout, journal.header().poll)
         # Packets hold no temperature of each sample: coefficients of it are found afterwards.
         self._estimates = run.method.sequential is not None and not run.sensor.uses("dT")
         self.live = Live(run) if self._estimates else None

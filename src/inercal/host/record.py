@@ -108,7 +108,7 @@ def write(
     require_recordable(run, layout)
     with brought_by("io", "a recording is written by h5py", ("h5py",)):
         h5py: Any = import_module("h5py")
-    assembly = Assembly.of(run, layout, poll)
+    assembly = Assembly(run, layout, poll)
     blocks: list[Block] = []
     said: list[bytes] = []
     heard: list[float] = []
