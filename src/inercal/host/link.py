@@ -62,13 +62,7 @@ class TcpLink(Closing):
 
     def __init__(self, host: str, port: int, opening: float = OPENING):
         self.address = f"tcp://{host}:{port}"
-        try:
-            self._socket = socket.create_connection((host, port), opening)
-        except OSError as error:
-            raise LinkLost(f"{self.address}: cannot connect: {_reason(error)}") from error
-        except UnicodeError as error:  # what Python says of "a..b", a name that none can have
-            raise LinkLost(f"{self.address}: cannot connect: no name of a host") from error
-        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._socket = connected(self.address, (host, port), opening)
 
     def read(self, most: int, timeout: float) -> bytes:
         """As `Link.read`."""
@@ -193,6 +187,18 @@ def host_and_port(parts: SplitResult) -> tuple[str, int] | None:
     except ValueError:
         return None
     return (host, port) if host and port else None
+
+
+def connected(address: str, place: tuple[str, int], opening: float) -> socket.socket:
+    """Return a connection without Nagle's delay; raises `LinkLost`, which names `address`."""
+    try:
+        made = socket.create_connection(place, opening)
+    except OSError as error:
+        raise LinkLost(f"{address}: cannot connect: {_reason(error)}") from error
+    except UnicodeError as error:  # what Python says of "a..b", a name that none can have
+        raise LinkLost(f"{address}: cannot connect: no name of a host") from error
+    made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return made
 
 
 def pyserial_needed() -> AbstractContextManager[None]:
