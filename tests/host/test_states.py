@@ -24,10 +24,10 @@ def unpack(payload: bytes) -> TableState:
     """Read the bytes as the module describes them; of faults only that there are some."""
     time, span = Struct("<dd").unpack_from(payload)
     axes: list[AxisState] = []
-    for *numbers, flags in Struct("<dddB").iter_unpack(payload[16:]):
+    for angle, rate, error, flags in Struct("<dddB").iter_unpack(payload[16:]):
         in_position, moving, enabled, homed, fault = (bool(flags >> bit & 1) for bit in range(5))
         faults = ("a fault",) if fault else ()
-        axes.append(AxisState(*numbers, in_position, moving, enabled, homed, faults))
+        axes.append(AxisState(angle, rate, error, in_position, moving, enabled, homed, faults))
     return TableState(time, tuple(axes), span)
 
 

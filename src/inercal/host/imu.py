@@ -37,6 +37,8 @@ class ImuPort(Closing):
 
     Attributes
     ----------
+    address : str
+        The link's.
     received : int
         Bytes that came since opening, whether or not they were taken.
     thrown : int
@@ -51,7 +53,7 @@ class ImuPort(Closing):
     def __init__(
         self, link: Link, layout: Layout, now: Callable[[], float], *, waits: bool = False
     ):
-        self.layout = layout
+        self.layout, self.address = layout, link.address
         self.received = self.thrown = 0
         self._link, self._now = link, now
         self._pieces: deque[tuple[float, bytes]] = deque()
@@ -69,11 +71,6 @@ class ImuPort(Closing):
         if not waits:
             self._thread = Thread(target=self._read, name=f"reads {link.address}", daemon=True)
             self._thread.start()
-
-    @property
-    def address(self) -> str:
-        """The link's."""
-        return self._link.address
 
     def take(self, upto: int | None = None, timeout: float = 1.0) -> list[tuple[float, bytes]]:
         """Return what came, with the time at which each piece did.

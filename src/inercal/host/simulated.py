@@ -54,6 +54,8 @@ class SimulatedBench(Closing):
         Addresses that a host opens.
     clock : str or None
         None where time passes by itself.
+    addresses : Addresses
+        All of them, as a run takes them.
 
     Raises
     ------
@@ -98,11 +100,7 @@ class SimulatedBench(Closing):
         self.table = f"{table.replace('tcp', 'pmac', 1)}?motors={motors}&counts={COUNTS}"
         self.imu = f"{imu}?preset={preset}"
         self.clock = clock[0] if clock else None
-
-    @property
-    def addresses(self) -> Addresses:
-        """Where a host finds it."""
-        return Addresses(self.table, self.imu, self.clock or "")
+        self.addresses = Addresses(self.table, self.imu, self.clock or "")
 
     def tell(self, which: Literal["table", "imu"], words: str) -> None:
         """Tell a process a fault; see `sim.process.obey` and `sim.mimu`.

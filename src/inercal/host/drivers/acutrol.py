@@ -68,6 +68,8 @@ class Acutrol(Closing):
         opener: Callable[[str], Link] = open_link,
     ):
         self._axes = tuple(axes)
+        self.axes = tuple(a.name for a in self._axes)
+        self.wraps = inf  # it tells no time
         require_named(self.axes)
         # What each axis was last told: an angle, or a rate.
         self._goals = [(nan, 0.0)] * len(self._axes)
@@ -77,16 +79,6 @@ class Acutrol(Closing):
         except BaseException:
             self._dialogue.close()
             raise
-
-    @property
-    def axes(self) -> tuple[str, ...]:
-        """Names, outer to inner."""
-        return tuple(a.name for a in self._axes)
-
-    @property
-    def wraps(self) -> float:
-        """Infinite: it tells no time."""
-        return inf
 
     def identity(self) -> str:
         """Return what answers `*idn?`."""

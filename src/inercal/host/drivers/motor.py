@@ -54,20 +54,10 @@ class Motor(Closing):
         timeout: float = 1.0,
         opener: Callable[[str], Link] = open_link,
     ):
-        self.limits = (limits,)
-        self._axis = axis
+        self.limits, self.axes = (limits,), (axis,)
+        self.wraps = inf  # it tells no time
         self._goal, self._spinning, self._homing, self._homed = nan, 0.0, False, False
         self._dialogue = TextDialogue(address, b">", timeout, opener)
-
-    @property
-    def axes(self) -> tuple[str, ...]:
-        """The one name."""
-        return (self._axis,)
-
-    @property
-    def wraps(self) -> float:
-        """Infinite: it tells no time."""
-        return inf
 
     def identity(self) -> str:
         """Return nothing: no command is known that asks for it."""

@@ -85,6 +85,7 @@ class Pmac(Closing):
         opener: Callable[[str], Link] = open_link,
     ):
         self._axes = tuple(axes)
+        self.axes = tuple(a.name for a in self._axes)
         require_named(self.axes)
         for axis in self._axes:
             if not (1 <= axis.motor <= 32 and 0 < abs(axis.counts_per_turn) < inf):
@@ -99,20 +100,11 @@ class Pmac(Closing):
             self.period = codec.number(self._ask("I10", 1)[0]) / 8388608 * 1e-3
             if self.period <= 0:
                 raise ProtocolError(f"{address}: I10 says that the servo clock stands still")
+            self.wraps = _CYCLES * self.period
             self.limits = tuple(self._read_limits(a) for a in self._axes)
         except BaseException:
             self._dialogue.close()
             raise
-
-    @property
-    def axes(self) -> tuple[str, ...]:
-        """Names, outer to inner."""
-        return tuple(a.name for a in self._axes)
-
-    @property
-    def wraps(self) -> float:
-        """As `RotaryTable.wraps`: 2²⁴ servo cycles, s."""
-        return _CYCLES * self.period
 
     def identity(self) -> str:
         """Return the firmware's version and the controller's type."""
