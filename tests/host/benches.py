@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 
+from tests.host.sections import sections_done
+
 from inercal.host.folder import Folder, begin, resumed
 from inercal.host.journal import Event
 from inercal.host.options import Options
@@ -86,7 +88,7 @@ def carried_out(
         with Interfered(made, journal, bench.addresses, options or Options()) as going:
             going.acts = list(acts)
             done = going.carry_out()
-        return Ended(done, going, journal.events(), journal.sections())
+        return Ended(done, going, journal.events(), sections_done(journal))
 
 
 def made(folder: Path) -> Folder:

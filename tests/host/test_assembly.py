@@ -41,7 +41,7 @@ def logged(hard: Bench) -> list[Frame]:
 
 
 def taken(run: Run, logged: list[Frame], cuts: "list[int] | None" = None) -> tuple[Assembly, Block]:
-    made, blocks = Assembly.of(run, LAYOUT), list[Block]()
+    made, blocks = Assembly(run, LAYOUT), list[Block]()
     bounds: list[int] = [0, *(cuts or []), len(logged)]
     for start, stop in pairwise(bounds):
         for frame in logged[start:stop]:
@@ -250,13 +250,13 @@ def test_a_torn_frame_at_the_end_loses_what_it_held(
 def test_nothing_comes_of_the_time_before_the_first_section_or_before_clocks_are_tied(run: Run):
     bench = Bench(run, seed=10)
     logged = bench.frames()
-    made = Assembly.of(run, LAYOUT)
+    made = Assembly(run, LAYOUT)
     for frame in logged:
         if frame.time < 4.9:
             made.feed(frame)
     assert made.take() is None
     silent = [one for one in logged if one.kind != EVENT]
-    made = Assembly.of(run, LAYOUT)
+    made = Assembly(run, LAYOUT)
     for frame in silent:
         made.feed(frame)
     assert made.take() is None
@@ -276,21 +276,21 @@ def test_readings_that_cannot_be_are_left_out_and_counted(run: Run):
     [(b"no json", "is none"), (b"[1]", "is none"), (b'{"what": "section"}', "no section")],
 )
 def test_an_event_that_is_none_is_refused(run: Run, payload: bytes, words: str):
-    made = Assembly.of(run, LAYOUT)
+    made = Assembly(run, LAYOUT)
     made.feed(Frame(EVENT, 0.0, payload))
     with pytest.raises(InputError, match=words):
         made.take()
 
 
 def test_events_of_others_are_no_matter(run: Run):
-    made = Assembly.of(run, LAYOUT)
+    made = Assembly(run, LAYOUT)
     made.feed(event(0.0, {"what": "temperature", "celsius": 21.5}))
     assert made.take() is None
 
 
 def test_packets_that_cannot_be_timed_are_refused(run: Run):
     with pytest.raises(InputError, match=r"come at 100 Hz; \[data\] rate is 200 Hz"):
-        Assembly.of(run, replace(LAYOUT, rate_hz=100.0))
+        Assembly(run, replace(LAYOUT, rate_hz=100.0))
     ascii_like = read_layout("witmotion")
     with pytest.raises(InputError, match="neither counter nor time"):
-        Assembly.of(run, replace(ascii_like, rate_hz=None))
+        Assembly(run, replace(ascii_like, rate_hz=None))

@@ -50,7 +50,7 @@ def logged(bench: Bench, folder: Path) -> list[Frame]:
 
 
 def followed(run: Run, logged: list[Frame], cuts: list[int]) -> Live:
-    made, live = Assembly.of(run, LAYOUT), Live(run)
+    made, live = Assembly(run, LAYOUT), Live(run)
     bounds: list[int] = [0, *cuts, len(logged)]
     for start, stop in pairwise(bounds):
         for frame in logged[start:stop]:
@@ -117,7 +117,7 @@ def test_the_truth_is_recovered_over_losses_and_an_outage(
 
 def test_nothing_is_known_before_the_rest_has_lasted(bench: Bench, logged: list[Frame]):
     run = bench.run
-    made, live = Assembly.of(run, LAYOUT), Live(run)
+    made, live = Assembly(run, LAYOUT), Live(run)
     assert np.isnan([live.time, *live.values, *live.std]).all()
     assert live.innovations == {}
     begun: list[float] = []

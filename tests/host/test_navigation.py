@@ -32,7 +32,7 @@ def table(run: Run) -> Turntable:
 
 
 def track_of(run: Run, bench: Bench) -> Track:
-    made = Assembly.of(run, LAYOUT)
+    made = Assembly(run, LAYOUT)
     for frame in bench.frames():
         made.feed(frame)
     block = made.take()

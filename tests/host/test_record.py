@@ -43,7 +43,7 @@ def run(bench: Bench, folder: Path) -> Run:
 
 
 def test_a_recording_holds_what_was_assembled_to_the_last_bit(run: Run, folder: Path):
-    made = Assembly.of(run, LAYOUT)
+    made = Assembly(run, LAYOUT)
     for frame in frames(folder / "log"):
         made.feed(frame)
     block = made.take()

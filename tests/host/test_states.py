@@ -1,13 +1,14 @@
 """The state of a table as bytes of the log."""
 
 from math import inf, nan
+from struct import Struct
 
 import numpy as np
 import pytest
 
 from inercal.errors import InputError
 from inercal.host.drivers.table import AxisState, TableState
-from inercal.host.states import pack, polls, unpack
+from inercal.host.states import pack, polls
 
 STATE = TableState(
     12.5,
@@ -17,6 +18,17 @@ STATE = TableState(
     ),
     3e-4,
 )
+
+
+def unpack(payload: bytes) -> TableState:
+    """Read the bytes as the module describes them; of faults only that there are some."""
+    time, span = Struct("<dd").unpack_from(payload)
+    axes: list[AxisState] = []
+    for angle, rate, error, flags in Struct("<dddB").iter_unpack(payload[16:]):
+        in_position, moving, enabled, homed, fault = (bool(flags >> bit & 1) for bit in range(5))
+        faults = ("a fault",) if fault else ()
+        axes.append(AxisState(angle, rate, error, in_position, moving, enabled, homed, faults))
+    return TableState(time, tuple(axes), span)
 
 
 def test_a_state_comes_back_to_the_last_bit_with_its_faults_as_a_flag():
@@ -55,7 +67,7 @@ def test_many_states_are_what_each_of_them_is():
 @pytest.mark.parametrize("length", [0, 15, 16, 40, 42])
 def test_what_is_no_state_is_refused(length: int):
     with pytest.raises(InputError, match=f"{length} bytes are no state"):
-        unpack(b"\0" * length)
+        polls([b"\0" * length])
 
 
 def test_states_of_two_tables_do_not_go_together():

@@ -9,13 +9,14 @@ from collections import deque
 from contextlib import ExitStack
 from math import isfinite, nan
 from time import monotonic
-from typing import Literal, Self
+from typing import Literal
 
 import numpy as np
 
 from inercal.benches.turntable import turntable_of
 from inercal.errors import InercalError
 from inercal.host.assembly import Assembly, Block
+from inercal.host.closing import Closing
 from inercal.host.folder import Folder
 from inercal.host.journal import Journal
 from inercal.host.live import Live
@@ -31,7 +32,7 @@ _TRIAD = 3
 _SAID_AGAIN = 60.0  # s
 
 
-class Account:
+class Account(Closing):
     """The account of one run, begun or resumed; a context manager.
 
     Parameters
@@ -66,7 +67,7 @@ class Account:
 
     def __init__(self, folder: Folder, journal: Journal, layout: Layout):
         run, bench = folder.run, turntable_of(folder.run)
-        self.assembly = Assembly.of(run, layout, journal.header().poll)
+        self.assembly = Assembly(run, layout, journal.header().poll)
         # Packets hold no temperature of each sample: coefficients of it are found afterwards.
         self._estimates = run.method.sequential is not None and not run.sensor.uses("dT")
         self.live = Live(run) if self._estimates else None
@@ -211,8 +212,6 @@ class Account:
                 self._of_losses(done)
         self._piece(last)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
+    def close(self) -> None:
+        """Close the log."""
         self._opened.close()

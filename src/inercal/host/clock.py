@@ -17,11 +17,11 @@ connection ends, it goes on by itself as the wall's clock does, until the next.
 import socket
 from struct import pack
 from time import monotonic, sleep, time
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 from urllib.parse import urlsplit
 
 from inercal.errors import InputError
-from inercal.host.link import LinkLost
+from inercal.host.link import LinkLost, connected, host_and_port
 
 _ANSWER = 20  # s; of a bench whose machine is busy
 _STALE = 0.5  # s of the wall after which the last answer is asked for again
@@ -34,26 +34,6 @@ class Tick(NamedTuple):
     time: float
     sent: int | None  # bytes in all; None where nobody knows
     sent_by: float
-
-
-class Clock(Protocol):
-    """What time it is on the bench, s of the run."""
-
-    def now(self) -> float:
-        """Return the time; another thread may ask too."""
-        ...
-
-    def begin(self, until: float) -> None:
-        """Let the bench go on to `until`; return at once."""
-        ...
-
-    def end(self) -> Tick:
-        """Return when the time has come that `begin` named; raises `LinkLost` as it may."""
-        ...
-
-    def close(self) -> None:
-        """Let go of the bench."""
-        ...
 
 
 class WallClock:
@@ -70,22 +50,22 @@ class WallClock:
         self._until = self.now()
 
     def now(self) -> float:
-        """As `Clock.now`."""
+        """Return the time on the bench, s of the run; another thread may ask too."""
         return monotonic() + self._offset
 
     def begin(self, until: float) -> None:
-        """As `Clock.begin`."""
+        """Let the bench go on to `until`; return at once."""
         self._until = until
 
     def end(self) -> Tick:
-        """As `Clock.end`."""
+        """Return when the time has come that `begin` named."""
         while (left := self._until - self.now()) > 0:
             sleep(left)
         now = self.now()
         return Tick(now, None, now)
 
     def close(self) -> None:
-        """As `Clock.close`."""
+        """Let go of the bench."""
 
 
 class SimulatedClock:
@@ -110,14 +90,11 @@ class SimulatedClock:
         if speed is not None and not speed > 0:
             raise InputError(f"speed {speed}; give it > 0")
         self._address, self._speed = address, speed
-        host, port = _place(address)
-        try:
-            self._socket = socket.create_connection((host, port), _ANSWER)
-        except OSError as error:
-            raise LinkLost(f"{address}: cannot connect: {error.strerror or error}") from error
-        except UnicodeError as error:
-            raise LinkLost(f"{address}: cannot connect: no name of a host") from error
-        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        parts = urlsplit(address)
+        place = host_and_port(parts)
+        if parts.scheme != "clock" or place is None:
+            raise InputError(f"{address!r} is no clock; possible: clock://127.0.0.1:4000")
+        self._socket = connected(address, place, _ANSWER)
         # The system's own time limit: with that of Python each call asks twice.
         self._socket.settimeout(None)
         limit = pack("@ll", _ANSWER, 0)
@@ -130,7 +107,7 @@ class SimulatedClock:
         self._time = self._answer().time
 
     def now(self) -> float:
-        """As `Clock.now`."""
+        """As `WallClock.now`; raises `LinkLost` where the bench is gone."""
         if not self._asked and monotonic() - self._heard > _STALE:
             # The bench may have gone on by itself meanwhile.
             self._send(b"now\n")
@@ -138,7 +115,7 @@ class SimulatedClock:
         return self._time
 
     def begin(self, until: float) -> None:
-        """As `Clock.begin`."""
+        """As `WallClock.begin`; raises `LinkLost` where the bench is gone."""
         if self._asked:
             raise RuntimeError("begin() a second time without end()")
         if self._speed is not None:
@@ -149,7 +126,7 @@ class SimulatedClock:
         self._asked = True
 
     def end(self) -> Tick:
-        """As `Clock.end`."""
+        """As `WallClock.end`; raises `LinkLost` where the bench is gone."""
         if not self._asked:
             raise RuntimeError("end() without begin()")
         self._asked = False
@@ -160,7 +137,7 @@ class SimulatedClock:
         return tick
 
     def close(self) -> None:
-        """As `Clock.close`; the bench goes on at the wall's pace."""
+        """Let go of the bench; it goes on at the wall's pace."""
         self._socket.close()
 
     def _send(self, line: bytes) -> None:
@@ -189,13 +166,4 @@ class SimulatedClock:
             raise LinkLost(f"{self._address}: {line[:40]!r} is no time of a bench") from error
 
 
-def _place(address: str) -> tuple[str, int]:
-    """Return host and port of an address."""
-    parts = urlsplit(address)
-    try:
-        host, port = parts.hostname, parts.port
-    except ValueError:
-        host, port = None, None
-    if parts.scheme != "clock" or not host or not port:
-        raise InputError(f"{address!r} is no clock; possible: clock://127.0.0.1:4000")
-    return host, port
+Clock = WallClock | SimulatedClock

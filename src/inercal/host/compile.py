@@ -132,7 +132,7 @@ def _follow(run: Run, sensor: Sensor, priors: Sequence[Gaussian]) -> None:
 def _assembled(run: Run, layout: Layout) -> list[Track]:
     """Return what is assembled of a rest, in two pieces."""
     lasting = _TIED + _REST + 3 * settling(turntable_of(run)) + _AFTER
-    made, frames = Assembly.of(run, layout, _POLL), _frames(run, layout, lasting)
+    made, frames = Assembly(run, layout, _POLL), _frames(run, layout, lasting)
     tracks: list[Track] = []
     for early in (True, False):
         for frame in frames:

@@ -7,10 +7,9 @@ from time import monotonic
 import numpy as np
 
 from inercal.benches.turntable.bench import Turntable
-from inercal.errors import InputError
 from inercal.host.addresses import layout_of_address, link_of_address, open_table
 from inercal.host.drivers.table import AxisLimits, ProtocolError, TableFault, TableState
-from inercal.host.link import LinkLost, open_link
+from inercal.host.link import LinkLost, open_link, pyserial_needed
 from inercal.host.packets import PRESETS, Counts, Decoder, Layout, read_layout
 
 _LISTENS = 1.0  # s
@@ -77,12 +76,8 @@ def ports() -> tuple[Port, ...]:
     InputError
         pyserial is not installed.
     """
-    try:
+    with pyserial_needed():
         from serial.tools import list_ports
-    except ImportError as error:
-        raise InputError(
-            "serial ports need pyserial; install the extra: pip install 'inercal[host]'"
-        ) from error
     return tuple(
         Port(f"serial:{port.device}", port.description or "") for port in list_ports.comports()
     )

@@ -19,6 +19,7 @@ from pathlib import Path
 from inercal.errors import InputError
 from inercal.host.addresses import layout_of_address
 from inercal.host.journal import Header, Journal
+from inercal.host.log import usable
 from inercal.host.record import require_recordable
 from inercal.io.atomic import atomic_write
 from inercal.runfile import Run, read
@@ -67,13 +68,11 @@ class Folder:
         for name in (*copied, LOG, run.data.file, *made):
             if (path / name).exists():
                 raise InputError(f"{path} holds {name} already: name another folder")
-        try:
+        with usable(path, "made"):
             for name in copied:
                 given = content if name == run.path.name else None
                 with atomic_write(path / name) as temporary:
                     temporary.write_bytes(given or (run.path.parent / name).read_bytes())
-        except OSError as error:
-            raise InputError(f"{path}: cannot be made: {error.strerror}") from None
         return cls(path, read(path / run.path.name))
 
     @classmethod
@@ -161,10 +160,8 @@ def require_free(path: str | os.PathLike[str]) -> None:
             f"{path} holds a run already: name another folder; one that was interrupted goes on by "
             f"`inercal bench resume {path}`"
         )
-    try:
+    with usable(path, "made"):
         path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be made: {error.strerror}") from None
 
 
 def resumed(

@@ -9,9 +9,9 @@ from collections.abc import Callable
 from math import isnan, nan
 from threading import Condition, Thread
 from time import monotonic
-from typing import Self
 
 from inercal.errors import InercalError
+from inercal.host.closing import Closing
 from inercal.host.link import Link, LinkLost
 from inercal.host.packets import Layout
 
@@ -20,7 +20,7 @@ _WAIT = 0.2  # s after which the thread looks whether it shall end
 _STALE = 1 << 20  # bytes; a link that gives as many at once gives without end
 
 
-class ImuPort:
+class ImuPort(Closing):
     """What comes over `link`.
 
     Parameters
@@ -37,6 +37,8 @@ class ImuPort:
 
     Attributes
     ----------
+    address : str
+        The link's.
     received : int
         Bytes that came since opening, whether or not they were taken.
     thrown : int
@@ -51,7 +53,7 @@ class ImuPort:
     def __init__(
         self, link: Link, layout: Layout, now: Callable[[], float], *, waits: bool = False
     ):
-        self.layout = layout
+        self.layout, self.address = layout, link.address
         self.received = self.thrown = 0
         self._link, self._now = link, now
         self._pieces: deque[tuple[float, bytes]] = deque()
@@ -69,11 +71,6 @@ class ImuPort:
         if not waits:
             self._thread = Thread(target=self._read, name=f"reads {link.address}", daemon=True)
             self._thread.start()
-
-    @property
-    def address(self) -> str:
-        """The link's."""
-        return self._link.address
 
     def take(self, upto: int | None = None, timeout: float = 1.0) -> list[tuple[float, bytes]]:
         """Return what came, with the time at which each piece did.
@@ -169,9 +166,3 @@ class ImuPort:
                     self._came.notify_all()
             if lost:
                 return
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()

@@ -134,9 +134,8 @@ class Interlocks:
             return None
         time, reading, angles = track.time, track.reading[:, self._gyros], track.angles
         if self._tail:
-            time = np.concatenate([self._tail[0], time])
-            reading = np.concatenate([self._tail[1], reading])
-            angles = np.concatenate([self._tail[2], angles])
+            now = time, reading, angles
+            time, reading, angles = map(np.concatenate, zip(self._tail, now, strict=True))
         h = half_window(time) if time.size > 1 else 1
         self._tail = time[-2 * h :], reading[-2 * h :], angles[-2 * h :]
         if time.size <= 2 * h:

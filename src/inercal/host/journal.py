@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import NamedTuple, Self
 
 from inercal.errors import InputError
+from inercal.host.closing import Closing
 from inercal.io.atomic import atomic_write
 
 _VERSION = 1
@@ -82,7 +83,7 @@ class Event(NamedTuple):
     words: str
 
 
-class Journal:
+class Journal(Closing):
     """A journal open for writing; every call is one transaction.
 
     What a call wrote is there after a kill of the host at any moment. After a loss of power the
@@ -162,27 +163,11 @@ class Journal:
             step, label, what, time,
         )  # fmt: skip
 
-    def sections(self) -> tuple[tuple[str, float, float], ...]:
-        """Return label, begin and end of every section that was done, s of the table's clock."""
-        made: list[tuple[str, float, float]] = []
-        begun = 0.0
-        with _said(self.path):
-            for label, what, time in self._db.execute(
-                "SELECT label, what, time FROM section ORDER BY id"
-            ):
-                if what == "begun":
-                    begun = time
-                elif what == "done":
-                    made.append((label, begun, time))
-        return tuple(made)
-
     def done(self) -> int:
         """Return how many steps are done: the number of the one to go on with."""
         with _said(self.path):
-            (last,) = self._db.execute(
-                "SELECT max(step) FROM section WHERE what = 'done'"
-            ).fetchone()
-        return 0 if last is None else last + 1
+            found = self._db.execute("SELECT max(step) + 1 FROM section WHERE what = 'done'")
+            return found.fetchone()[0] or 0
 
     def event(self, level: str, words: str, time: float | None = None) -> None:
         """Keep something an operator should know: "info", "warning" or "alarm"; s of the run."""
@@ -216,12 +201,6 @@ class Journal:
     def close(self) -> None:
         """Close the file."""
         self._db.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 def _opened(path: Path) -> sqlite3.Connection:

@@ -8,11 +8,13 @@ pseudo-terminal has none and says ENOTTY.
 import socket
 import sys
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from time import monotonic
 from typing import Protocol, Self
-from urllib.parse import parse_qsl, urlsplit
+from urllib.parse import SplitResult, parse_qsl, urlsplit
 
-from inercal.errors import InercalError, InputError
+from inercal.errors import InercalError, InputError, brought_by
+from inercal.host.closing import Closing
 
 # What a terminal says that is gone, where a system has them: it is no OSError.
 if sys.platform == "win32":
@@ -55,30 +57,12 @@ class Link(Protocol):
     def __exit__(self, *_: object) -> None: ...
 
 
-class _Closing:
-    """What makes a link a context manager."""
-
-    def close(self) -> None: ...
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-
-class TcpLink(_Closing):
+class TcpLink(Closing):
     """A connection over TCP, without Nagle's delay: requests are small and wait for replies."""
 
     def __init__(self, host: str, port: int, opening: float = OPENING):
         self.address = f"tcp://{host}:{port}"
-        try:
-            self._socket = socket.create_connection((host, port), opening)
-        except OSError as error:
-            raise LinkLost(f"{self.address}: cannot connect: {_reason(error)}") from error
-        except UnicodeError as error:  # what Python says of "a..b", a name that none can have
-            raise LinkLost(f"{self.address}: cannot connect: no name of a host") from error
-        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._socket = connected(self.address, (host, port), opening)
 
     def read(self, most: int, timeout: float) -> bytes:
         """As `Link.read`."""
@@ -106,18 +90,14 @@ class TcpLink(_Closing):
         self._socket.close()
 
 
-class SerialLink(_Closing):
+class SerialLink(Closing):
     """A serial port by pyserial: `path` as the system names it, `baud` in bit/s."""
 
     def __init__(
         self, path: str, baud: int = 115200, bits: int = 8, parity: str = "none", stop: int = 1
     ):
-        try:
+        with pyserial_needed():
             import serial
-        except ImportError as error:
-            raise InputError(
-                "serial ports need pyserial; install the extra: pip install 'inercal[host]'"
-            ) from error
         self.address = f"serial:{path}"
         self._broken = (OSError, serial.SerialException, *_NO_TERMINAL)
         try:
@@ -172,13 +152,10 @@ def open_link(address: str, opening: float = OPENING) -> Link:
     given = dict(parse_qsl(parts.query, keep_blank_values=True))
     if parts.scheme == "tcp":
         _refuse(address, given, ())
-        try:
-            host, port = parts.hostname, parts.port
-        except ValueError:
-            host, port = None, None
-        if not host or not port or parts.path not in ("", "/"):
+        place = host_and_port(parts)
+        if place is None or parts.path not in ("", "/"):
             raise InputError(f"{address!r} is no address of TCP; possible: tcp://192.168.0.5:1025")
-        return TcpLink(host, port, opening)
+        return TcpLink(*place, opening)
     if parts.scheme == "serial" and parts.path:
         _refuse(address, given, ("baud", "bits", "parity", "stop"))
         parity = given.get("parity", "none")
@@ -201,6 +178,32 @@ def read_until(link: Link, done: Callable[[bytes], bool], timeout: float, most: 
         if data and done(data):
             return True
     return False
+
+
+def host_and_port(parts: SplitResult) -> tuple[str, int] | None:
+    """Return where an address leads; None where it lacks either, or has a port that is none."""
+    try:
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        return None
+    return (host, port) if host and port else None
+
+
+def connected(address: str, place: tuple[str, int], opening: float) -> socket.socket:
+    """Return a connection without Nagle's delay; raises `LinkLost`, which names `address`."""
+    try:
+        made = socket.create_connection(place, opening)
+    except OSError as error:
+        raise LinkLost(f"{address}: cannot connect: {_reason(error)}") from error
+    except UnicodeError as error:  # what Python says of "a..b", a name that none can have
+        raise LinkLost(f"{address}: cannot connect: no name of a host") from error
+    made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return made
+
+
+def pyserial_needed() -> AbstractContextManager[None]:
+    """Refuse in the context by an `InputError` that pyserial is not installed."""
+    return brought_by("host", "serial ports need pyserial; install the extra", ("serial",))
 
 
 def _refuse(address: str, given: dict[str, str], known: tuple[str, ...]) -> None:

@@ -13,15 +13,17 @@ opens the file again.
 import os
 import sys
 from collections.abc import Generator
+from contextlib import contextmanager
 from errno import ENOSPC
-from hashlib import file_digest
 from pathlib import Path
 from struct import Struct
 from time import monotonic, sleep
-from typing import NamedTuple, Self
+from typing import Literal, NamedTuple
 from zlib import crc32
 
 from inercal.errors import InputError
+from inercal.host.closing import Closing
+from inercal.io.table import sha256_of
 
 if sys.platform != "win32":
     from fcntl import LOCK_EX, LOCK_NB, LOCK_SH, flock
@@ -50,7 +52,7 @@ class Frame(NamedTuple):
     payload: bytes
 
 
-class Log:
+class Log(Closing):
     """A log open for appending, by one host at a time: the file is locked while it is open.
 
     The system frees the lock of a host that is gone, however it went.
@@ -74,22 +76,18 @@ class Log:
 
     def __init__(self, path: str | os.PathLike[str]):
         self.path = Path(path)
-        try:
+        with usable(self.path, "written"):
             self._file = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)
             try:
                 # Before a look at it: a frame that another host is at looks like a torn one.
-                lock(self._file)
-                sound = _sound(self.path)
+                lock(self._file, f"{self.path}: another host drives this run")
+                sound = max((end for _, end in _frames(self.path)), default=0)
                 self.torn = os.fstat(self._file).st_size - sound
                 if self.torn:
                     os.ftruncate(self._file, sound)
             except BaseException:
                 os.close(self._file)
                 raise
-        except BlockingIOError:
-            raise InputError(f"{self.path}: another host drives this run") from None
-        except OSError as error:
-            raise InputError(f"{self.path}: cannot be written: {error.strerror}") from None
 
     def append(self, kind: int, time: float, payload: bytes) -> None:
         """Write one frame; it is in the system's hands when this returns.
@@ -101,14 +99,12 @@ class Log:
         """
         head = _HEAD.pack(_MAGIC, kind, len(payload), time)
         frame = head + _CHECK.pack(crc32(head)) + payload + _CHECK.pack(crc32(payload))
-        try:
+        with usable(self.path, "written"):
             written = os.write(self._file, frame)
             if written < len(frame):
                 # Where there is space again, what is written next would stand behind a torn frame.
                 os.ftruncate(self._file, os.fstat(self._file).st_size - written)
                 raise OSError(ENOSPC, "no space left on device")
-        except OSError as error:
-            raise InputError(f"{self.path}: cannot be written: {error.strerror}") from None
 
     def close(self) -> None:
         """Have the disk take everything, and close.
@@ -118,19 +114,11 @@ class Log:
         InputError
             The disk has not taken everything; the file is closed all the same.
         """
-        try:
+        with usable(self.path, "written"):
             try:
                 os.fsync(self._file)
             finally:
                 os.close(self._file)
-        except OSError as error:
-            raise InputError(f"{self.path}: cannot be written: {error.strerror}") from None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 def frames(path: str | os.PathLike[str]) -> Generator[Frame]:
@@ -153,11 +141,8 @@ def digest(path: str | os.PathLike[str]) -> str:
     InputError
         It cannot be read.
     """
-    try:
-        with open(path, "rb") as file:
-            return file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    with usable(path, "read"):
+        return sha256_of(Path(path))
 
 
 def driven(path: str | os.PathLike[str]) -> bool:
@@ -174,8 +159,23 @@ def driven(path: str | os.PathLike[str]) -> bool:
     return False
 
 
-def lock(file: int) -> None:
-    """Lock a descriptor's file, or raise `BlockingIOError`; where a system cannot, do nothing."""
+@contextmanager
+def usable(path: object, what: Literal["read", "written", "made"]) -> Generator[None]:
+    """Say in one line of an `InputError` what cannot be read, written or made, and why."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"{path}: cannot be {what}: {error.strerror}") from None
+
+
+def lock(file: int, held: str) -> None:
+    """Lock a descriptor's file; where a system cannot, do nothing.
+
+    Raises
+    ------
+    InputError
+        Another has it locked; `held` is what is said then.
+    """
     if sys.platform == "win32":
         return
     end = monotonic() + _PATIENCE
@@ -185,36 +185,28 @@ def lock(file: int) -> None:
         except BlockingIOError:
             # `driven` has the file locked for an instant: only a lock that lasts is a host's.
             if monotonic() >= end:
-                raise
+                raise InputError(held) from None
         sleep(_AGAIN)
-
-
-def _sound(path: Path) -> int:
-    """Return how many bytes are whole frames."""
-    return max((end for _, end in _frames(path)), default=0)
 
 
 def _frames(path: Path) -> Generator[tuple[Frame, int]]:
     """Yield each whole frame and where it ends."""
-    try:
-        with path.open("rb") as file:
-            at = 0
-            while head := file.read(_HEAD.size + _CHECK.size):
-                if _MAGIC[: len(head)] != head[:2]:
-                    what = "is damaged" if at else "is no log of a run"
-                    raise InputError(f"{path} {what}: byte {at} begins no frame")
-                if len(head) < _HEAD.size + _CHECK.size:
-                    return
-                _, kind, length, time = _HEAD.unpack_from(head)
-                _require(_HEAD.size, head, path, at)
-                rest = file.read(length + _CHECK.size)
-                if len(rest) < length + _CHECK.size:
-                    return
-                _require(length, rest, path, at)
-                at += len(head) + len(rest)
-                yield Frame(kind, time, rest[:length]), at
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    with usable(path, "read"), path.open("rb") as file:
+        at = 0
+        while head := file.read(_HEAD.size + _CHECK.size):
+            if _MAGIC[: len(head)] != head[:2]:
+                what = "is damaged" if at else "is no log of a run"
+                raise InputError(f"{path} {what}: byte {at} begins no frame")
+            if len(head) < _HEAD.size + _CHECK.size:
+                return
+            _, kind, length, time = _HEAD.unpack_from(head)
+            _require(_HEAD.size, head, path, at)
+            rest = file.read(length + _CHECK.size)
+            if len(rest) < length + _CHECK.size:
+                return
+            _require(length, rest, path, at)
+            at += len(head) + len(rest)
+            yield Frame(kind, time, rest[:length]), at
 
 
 def _require(length: int, checked: bytes, path: Path, at: int) -> None:

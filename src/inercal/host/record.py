@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from inercal.benches.turntable import data_of, turntable_of
 from inercal.data.load import readback_columns
-from inercal.errors import InputError
+from inercal.errors import InputError, brought_by
 from inercal.host.assembly import Assembly, Block
 from inercal.host.log import TABLE, digest, frames
 from inercal.host.packets import Layout
@@ -106,8 +106,9 @@ def write(
         path that cannot be written, or no h5py.
     """
     require_recordable(run, layout)
-    h5py = _h5py()
-    assembly = Assembly.of(run, layout, poll)
+    with brought_by("io", "a recording is written by h5py", ("h5py",)):
+        h5py: Any = import_module("h5py")
+    assembly = Assembly(run, layout, poll)
     blocks: list[Block] = []
     said: list[bytes] = []
     heard: list[float] = []
@@ -188,10 +189,3 @@ def _filled(values: Array) -> Array:
         raise InputError("no packet holds a temperature; leave [data] temperature out")
     at = np.maximum.accumulate(np.where(there, np.arange(values.size), -1))
     return values[np.where(at < 0, int(np.argmax(there)), at)]
-
-
-def _h5py() -> Any:
-    try:
-        return import_module("h5py")
-    except ImportError as error:
-        raise InputError("a recording is written by h5py: pip install 'inercal[io]'") from error

@@ -8,10 +8,11 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Literal, Self
+from typing import Literal
 
 from inercal.errors import InputError
 from inercal.host.addresses import Addresses
+from inercal.host.closing import Closing
 from inercal.host.compile import compiled
 from inercal.host.packets import read_layout
 from inercal.host.sim import motion_link
@@ -25,7 +26,7 @@ STARTING = "starting a simulated bench; the first time on a machine all is compi
 _ENDING = 10.0  # s of the wall in which a process ends by itself
 
 
-class SimulatedBench:
+class SimulatedBench(Closing):
     """The bench of a run file, simulated; as a context manager it ends with the context.
 
     Its processes end when their starter does, which may be another than the host.
@@ -53,6 +54,8 @@ class SimulatedBench:
         Addresses that a host opens.
     clock : str or None
         None where time passes by itself.
+    addresses : Addresses
+        All of them, as a run takes them.
 
     Raises
     ------
@@ -97,11 +100,7 @@ class SimulatedBench:
         self.table = f"{table.replace('tcp', 'pmac', 1)}?motors={motors}&counts={COUNTS}"
         self.imu = f"{imu}?preset={preset}"
         self.clock = clock[0] if clock else None
-
-    @property
-    def addresses(self) -> Addresses:
-        """Where a host finds it."""
-        return Addresses(self.table, self.imu, self.clock or "")
+        self.addresses = Addresses(self.table, self.imu, self.clock or "")
 
     def tell(self, which: Literal["table", "imu"], words: str) -> None:
         """Tell a process a fault; see `sim.process.obey` and `sim.mimu`.
@@ -178,12 +177,6 @@ class SimulatedBench:
         if not said.startswith("at "):
             raise InputError(said.removeprefix("no: ") or f"the simulated {which} does not start")
         return said.split()[1:]
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 def started(run: Run, seed: int, preset: str) -> SimulatedBench:

@@ -13,13 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.errors import InputError
-from inercal.host.drivers.table import AxisState, TableState
+from inercal.host.drivers.table import TableState
 
 Array = NDArray[np.float64]
 _HEAD = Struct("<dd")
 _AXIS = Struct("<dddB")
 _IN_POSITION, _MOVING, _ENABLED, _HOMED, _FAULT = 1, 2, 4, 8, 16
-_SAID = ("a fault",)
 
 
 class Polls(NamedTuple):
@@ -49,34 +48,6 @@ def pack(state: TableState) -> bytes:
     return b"".join(parts)
 
 
-def unpack(payload: bytes) -> TableState:
-    """Return the state; of its faults only that there are some.
-
-    Raises
-    ------
-    InputError
-        A length that is none of a state.
-    """
-    k = _axes(payload)
-    time, span = _HEAD.unpack_from(payload)
-    axes: list[AxisState] = []
-    for i in range(k):
-        angle, rate, error, flags = _AXIS.unpack_from(payload, _HEAD.size + i * _AXIS.size)
-        axes.append(
-            AxisState(
-                angle,
-                rate,
-                error,
-                in_position=bool(flags & _IN_POSITION),
-                moving=bool(flags & _MOVING),
-                enabled=bool(flags & _ENABLED),
-                homed=bool(flags & _HOMED),
-                faults=_SAID if flags & _FAULT else (),
-            )
-        )
-    return TableState(time, tuple(axes), span)
-
-
 def polls(payloads: Sequence[bytes]) -> Polls:
     """Return many states at once.
 
@@ -88,7 +59,7 @@ def polls(payloads: Sequence[bytes]) -> Polls:
     Raises
     ------
     InputError
-        One whose length is not that of the first.
+        One whose length is none of a state, or not that of the first.
     """
     k = _axes(payloads[0])
     if any(len(one) != len(payloads[0]) for one in payloads):

@@ -11,6 +11,7 @@ from typing import Self
 
 import pytest
 from tests.host.benches import INERCAL, SHORT, plan, quick
+from tests.host.sections import sections_done
 from tests.host.web.pages import COMPILING, RUNNING, SIMULATED, Page, Served, opened
 
 from inercal.host.journal import Journal
@@ -156,5 +157,5 @@ def test_any_viewer_stops_the_table_and_the_operator_may_resume(tmp_path: Path):
         done = page.until("done", COMPILING)
         assert done["state"] in ("done", "carried out"), done
     with Journal(folder / "run.journal") as journal:
-        labels = [label for label, _, _ in journal.sections()]
+        labels = [label for label, _, _ in sections_done(journal)]
     assert labels == ["warm-up", "y up", "z+", "rest"]

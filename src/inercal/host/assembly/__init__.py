@@ -16,13 +16,13 @@ and whether it is a `hold`. Others are of no matter here.
 import json
 from dataclasses import dataclass, replace
 from itertools import groupby
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches.turntable import turntable_of
-from inercal.benches.turntable.epochs import settling as settling_of
+from inercal.benches.turntable.epochs import settling
 from inercal.data.load import readback_units
 from inercal.errors import InputError
 from inercal.host.assembly.imu import Imu, LeftOut, Samples
@@ -32,7 +32,6 @@ from inercal.host.log import EVENT, IMU, TABLE, Frame
 from inercal.host.packets import Counts, Layout
 from inercal.recording import Track
 from inercal.runfile import Run
-from inercal.sensors import Sensor
 
 Array = NDArray[np.float64]
 _APART = 0.5  # s without a sample that end a hold
@@ -109,56 +108,34 @@ class Assembly:
 
     Parameters
     ----------
-    sensor : Sensor
+    run : Run
+        On a turntable.
     layout : Layout
         Of the IMU's packets.
-    rate_hz : float
-        Samples per second.
-    settling : float
-        s that go at both ends of a hold.
     poll : float
         s between polls of the table.
-    units : tuple of float
-        SI size of a unit of each axis' column in the recording; negative reverses.
 
     Raises
     ------
     InputError
-        Packets without counter and time, of another rate, or without an axis of the sensor.
+        No turntable or no rate; packets without counter and time, of another rate, or without an
+        axis of the sensor.
     """
 
-    def __init__(
-        self,
-        sensor: Sensor,
-        layout: Layout,
-        rate_hz: float,
-        settling: float,
-        poll: float = 0.02,
-        units: tuple[float, ...] = (),
-    ):
-        self.sensor = sensor
-        self._imu, self._table = Imu(sensor, layout, rate_hz), Table(poll)
-        self._sections, self._settling = Sections(settling), settling
-        self._units = np.array(units) if units else np.ones(1)
-        self._pending: list[Frame] = []
-        self._attempt: int = 0
-        self._fresh()
-
-    @classmethod
-    def of(cls, run: Run, layout: Layout, poll: float = 0.02) -> Self:
-        """Return what puts the frames of a run's bench together.
-
-        Raises
-        ------
-        InputError
-            No turntable or no rate; or as there.
-        """
+    def __init__(self, run: Run, layout: Layout, poll: float = 0.02):
         bench = turntable_of(run)
         if run.rate_hz is None:
             raise InputError(f'{run.path}: [data] rate is missing, such as "200 Hz"')
+        self.sensor = run.sensor
+        self._imu, self._table = Imu(run.sensor, layout, run.rate_hz), Table(poll)
+        self._settling = settling(bench)
+        self._sections = Sections(self._settling)
+        # SI size of a unit of each axis' column in the recording; negative reverses.
         sizes = readback_units(run)
-        units = tuple(sizes[name] for name in bench.names)
-        return cls(run.sensor, layout, run.rate_hz, settling_of(bench), poll, units)
+        self._units = np.array([sizes[name] for name in bench.names])
+        self._pending: list[Frame] = []
+        self._attempt: int = 0
+        self._fresh()
 
     @property
     def sections(self) -> tuple[Span, ...]:
@@ -267,11 +244,7 @@ class Assembly:
         waiting, imu = self._imu.waiting, self._imu
         if not waiting:
             return None
-        whole = Samples(
-            np.concatenate([one.ticks for one in waiting]),
-            np.concatenate([one.output for one in waiting]),
-            np.concatenate([one.temperature for one in waiting]),
-        )
+        whole = Samples._make(map(np.concatenate, zip(*waiting, strict=True)))
         n = int(np.searchsorted(whole.ticks / imu.per_second - offset, until))
         imu.waiting = [whole.where(slice(n, None))] if n < whole.ticks.size else []
         return whole.where(slice(0, n)) if n else None

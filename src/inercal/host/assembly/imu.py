@@ -32,7 +32,7 @@ class Samples(NamedTuple):
 
     def where(self, rows: "NDArray[np.bool_] | slice") -> "Samples":
         """Return some of them."""
-        return Samples(self.ticks[rows], self.output[rows], self.temperature[rows])
+        return self._make(column[rows] for column in self)
 
 
 class _Rows(NamedTuple):
@@ -44,15 +44,10 @@ class _Rows(NamedTuple):
     flaw: NDArray[np.int64]
 
     def where(self, rows: "NDArray[np.bool_] | slice") -> "_Rows":
-        return _Rows(self.ticks[rows], self.output[rows], self.temperature[rows], self.flaw[rows])
+        return self._make(column[rows] for column in self)
 
     def then(self, other: "_Rows") -> "_Rows":
-        return _Rows(
-            np.concatenate([self.ticks, other.ticks]),
-            np.concatenate([self.output, other.output]),
-            np.concatenate([self.temperature, other.temperature]),
-            np.concatenate([self.flaw, other.flaw]),
-        )
+        return self._make(map(np.concatenate, zip(self, other, strict=True)))
 
 
 @dataclass

@@ -37,15 +37,11 @@ class Known(NamedTuple):
 
     def where(self, rows: "NDArray[np.bool_] | slice") -> "Known":
         """Return some of them."""
-        return Known(self.time[rows], self.angle[rows], self.settled[rows])
+        return self._make(column[rows] for column in self)
 
     def then(self, other: "Known") -> "Known":
         """Return these and later ones."""
-        return Known(
-            np.concatenate([self.time, other.time]),
-            np.concatenate([self.angle, other.angle]),
-            np.concatenate([self.settled, other.settled]),
-        )
+        return self._make(map(np.concatenate, zip(self, other, strict=True)))
 
 
 class Table:
@@ -145,10 +141,8 @@ class Table:
         """
         if self.known is None:
             raise InputError("no poll of the table yet")
-        found, there = (
-            np.zeros((time.size, self.known.angle.shape[1])),
-            np.zeros(time.size, np.bool_),
-        )
+        found = np.zeros((time.size, self.known.angle.shape[1]))
+        there = np.zeros(time.size, np.bool_)
         _between(time, *self.known, self._gap, found, there)
         return found, there & np.isfinite(found).all(axis=-1)
 

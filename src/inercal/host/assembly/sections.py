@@ -112,8 +112,7 @@ class Sections:
         """Return by which of the sections the table holds at times, (n,); −1 where by none."""
         found = self._within(time)
         held = np.array([one.holds for one in self.all], np.bool_)
-        begun = np.array([one.begun for one in self.all])
-        ended = np.array([one.ended for one in self.all])
+        begun, ended = self._ends()
         k = np.maximum(found, 0)
         good = (found >= 0) & held[k]
         good &= (time >= begun[k] + self._settling) & (time <= ended[k] - self._settling)
@@ -124,9 +123,12 @@ class Sections:
         names = np.array([*(one.label if one.what == "done" else "" for one in self.all), ""])
         return names[self._within(time)]
 
+    def _ends(self) -> Array:
+        """Return when the sections began, and when they ended, (2, sections)."""
+        return np.array([(one.begun, one.ended) for one in self.all]).reshape(-1, 2).T
+
     def _within(self, time: Array) -> Indices:
         """Return in which section times are; −1 where in none."""
-        begun = np.array([one.begun for one in self.all])
-        ended = np.array([one.ended for one in self.all])
+        begun, ended = self._ends()
         at = np.searchsorted(begun, time, "right") - 1
         return np.where((at >= 0) & (time <= ended[np.maximum(at, 0)]), at, -1)

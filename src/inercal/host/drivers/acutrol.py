@@ -15,9 +15,8 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import degrees, inf, nan, radians
-from typing import Self
 
-from inercal.errors import InputError
+from inercal.host.closing import Closing
 from inercal.host.drivers.table import (
     AxisLimits,
     AxisState,
@@ -25,9 +24,11 @@ from inercal.host.drivers.table import (
     TableFault,
     TableState,
     index_of,
+    require_named,
+    stop_surely,
 )
 from inercal.host.drivers.text_dialogue import TextDialogue
-from inercal.host.link import Link, LinkLost, open_link
+from inercal.host.link import Link, open_link
 
 _NUMBER = re.compile(r"[+-]?\d{1,15}(?:\.\d{0,15})?(?:[Ee][+-]?\d{1,2})?", re.ASCII)
 _NEAR = radians(0.001)  # rad of a demand: a few arc seconds, as such tables are exact
@@ -44,7 +45,7 @@ class AcutrolAxis:
     number: int
 
 
-class Acutrol:
+class Acutrol(Closing):
     """A `RotaryTable` on the ACUTROL3000 at `address`.
 
     Parameters
@@ -67,8 +68,9 @@ class Acutrol:
         opener: Callable[[str], Link] = open_link,
     ):
         self._axes = tuple(axes)
-        if not self._axes or len({a.name for a in self._axes}) < len(self._axes):
-            raise InputError("a table needs axes, each of its own name")
+        self.axes = tuple(a.name for a in self._axes)
+        self.wraps = inf  # it tells no time
+        require_named(self.axes)
         # What each axis was last told: an angle, or a rate.
         self._goals = [(nan, 0.0)] * len(self._axes)
         self._dialogue = TextDialogue(address, b"\n", timeout, opener)
@@ -77,16 +79,6 @@ class Acutrol:
         except BaseException:
             self._dialogue.close()
             raise
-
-    @property
-    def axes(self) -> tuple[str, ...]:
-        """Names, outer to inner."""
-        return tuple(a.name for a in self._axes)
-
-    @property
-    def wraps(self) -> float:
-        """Infinite: it tells no time."""
-        return inf
 
     def identity(self) -> str:
         """Return what answers `*idn?`."""
@@ -131,11 +123,7 @@ class Acutrol:
         """Bring all axes to rest in rate mode; no safety function."""
         # On one line: what is wrong with one axis keeps no other from hearing it.
         lines = [line for i in range(len(self._axes)) for line in self._resting(i)]
-        try:
-            self._tell(*lines, urgent=True)
-        except (ProtocolError, LinkLost):
-            # Heard or not: the link is a new one, and to stop twice is to stop.
-            self._tell(*lines, urgent=True)
+        stop_surely(lambda: self._tell(*lines, urgent=True))
 
     def kill(self, *, coasting: bool = False) -> None:
         """Open the interlocks; refused as in `RotaryTable.kill`."""
@@ -202,12 +190,6 @@ class Acutrol:
             )
         if status & 4:
             raise TableFault(f"the controller refuses {line!r}")
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 def _number(text: str) -> float:

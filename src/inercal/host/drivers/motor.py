@@ -11,8 +11,8 @@ its own, `TableState.time` is NaN, and has no command that takes its power off.
 import re
 from collections.abc import Callable
 from math import degrees, inf, nan, radians
-from typing import Self
 
+from inercal.host.closing import Closing
 from inercal.host.drivers.table import (
     AxisLimits,
     AxisState,
@@ -20,14 +20,16 @@ from inercal.host.drivers.table import (
     TableFault,
     TableState,
     index_of,
+    stop_surely,
 )
 from inercal.host.drivers.text_dialogue import TextDialogue
-from inercal.host.link import Link, LinkLost, open_link
+from inercal.host.link import Link, open_link
 
+_BAND = radians(0.05)  # rad and rad/s within which the axis is in position, and at rest
 _NUMBER = re.compile(r"[+-]?\d{1,12}(?:\.\d{0,12})?", re.ASCII)
 
 
-class Motor:
+class Motor(Closing):
     """A `RotaryTable` of one axis on such a controller at `address`.
 
     Parameters
@@ -38,8 +40,6 @@ class Motor:
         The rig's; the controller tells none.
     axis : str
         The axis' name.
-    band : float
-        rad and rad/s within which it is in position, and at rest.
     timeout : float
         s that a reply may take.
     opener : callable
@@ -51,24 +51,13 @@ class Motor:
         address: str,
         limits: AxisLimits,
         axis: str = "table",
-        band: float = radians(0.05),
         timeout: float = 1.0,
         opener: Callable[[str], Link] = open_link,
     ):
-        self.limits = (limits,)
-        self._axis, self._band = axis, band
+        self.limits, self.axes = (limits,), (axis,)
+        self.wraps = inf  # it tells no time
         self._goal, self._spinning, self._homing, self._homed = nan, 0.0, False, False
         self._dialogue = TextDialogue(address, b">", timeout, opener)
-
-    @property
-    def axes(self) -> tuple[str, ...]:
-        """The one name."""
-        return (self._axis,)
-
-    @property
-    def wraps(self) -> float:
-        """Infinite: it tells no time."""
-        return inf
 
     def identity(self) -> str:
         """Return nothing: no command is known that asks for it."""
@@ -103,11 +92,7 @@ class Motor:
     def stop(self) -> None:
         """Decelerate to rest (`STO`), at the acceleration last set; no safety function."""
         self._goal, self._spinning = nan, 0.0
-        try:
-            self._tell("STO", urgent=True)
-        except (ProtocolError, LinkLost):
-            # Heard or not: the link is a new one, and to stop twice is to stop.
-            self._tell("STO", urgent=True)
+        stop_surely(lambda: self._tell("STO", urgent=True))
 
     def kill(self, *, coasting: bool = False) -> None:
         """Refuse: see the module."""
@@ -119,8 +104,8 @@ class Motor:
     def read(self) -> TableState:
         """Return where the axis is now, without a time."""
         angle, rate = (radians(self._number(what)) for what in ("PPO", "PVE"))
-        resting = abs(rate) <= self._band and self._spinning == 0
-        in_position = resting and not abs(angle - self._goal) > self._band
+        resting = abs(rate) <= _BAND and self._spinning == 0
+        in_position = resting and not abs(angle - self._goal) > _BAND
         self._homed = self._homed or (self._homing and in_position)
         return TableState(
             nan, (AxisState(angle, rate, nan, in_position, not resting, True, self._homed),)
@@ -141,9 +126,3 @@ class Motor:
         if not _NUMBER.fullmatch(said):
             raise ProtocolError(f"{said[:40]!r} is no number in answer to {line!r}")
         return float(said)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()

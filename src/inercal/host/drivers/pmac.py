@@ -22,9 +22,9 @@ Source: Delta Tau, Turbo PMAC Software Reference Manual.
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from math import inf, tau
-from typing import Self
 
 from inercal.errors import InputError
+from inercal.host.closing import Closing
 from inercal.host.drivers import pmac_codec as codec
 from inercal.host.drivers.pmac_dialogue import Dialogue
 from inercal.host.drivers.table import (
@@ -34,8 +34,10 @@ from inercal.host.drivers.table import (
     TableFault,
     TableState,
     index_of,
+    require_named,
+    stop_surely,
 )
-from inercal.host.link import Link, LinkLost, open_link
+from inercal.host.link import Link, open_link
 
 _CYCLES = 1 << 24  # X:$0 wraps here
 # s after a command in which a motor may still say that it is where it was: it starts at the next
@@ -53,7 +55,7 @@ class PmacAxis:
     counts_per_turn: float
 
 
-class Pmac:
+class Pmac(Closing):
     """A `RotaryTable` on the Turbo PMAC at `address`.
 
     Parameters
@@ -83,8 +85,8 @@ class Pmac:
         opener: Callable[[str], Link] = open_link,
     ):
         self._axes = tuple(axes)
-        if not self._axes or len({a.name for a in self._axes}) < len(self._axes):
-            raise InputError("a table needs axes, each of its own name")
+        self.axes = tuple(a.name for a in self._axes)
+        require_named(self.axes)
         for axis in self._axes:
             if not (1 <= axis.motor <= 32 and 0 < abs(axis.counts_per_turn) < inf):
                 raise InputError(f"axis {axis.name}: motors are 1 to 32, counts in a turn not 0")
@@ -98,20 +100,11 @@ class Pmac:
             self.period = codec.number(self._ask("I10", 1)[0]) / 8388608 * 1e-3
             if self.period <= 0:
                 raise ProtocolError(f"{address}: I10 says that the servo clock stands still")
+            self.wraps = _CYCLES * self.period
             self.limits = tuple(self._read_limits(a) for a in self._axes)
         except BaseException:
             self._dialogue.close()
             raise
-
-    @property
-    def axes(self) -> tuple[str, ...]:
-        """Names, outer to inner."""
-        return tuple(a.name for a in self._axes)
-
-    @property
-    def wraps(self) -> float:
-        """As `RotaryTable.wraps`: 2²⁴ servo cycles, s."""
-        return _CYCLES * self.period
 
     def identity(self) -> str:
         """Return the firmware's version and the controller's type."""
@@ -148,11 +141,7 @@ class Pmac:
         `^A` also closes the loops of killed motors. It brings no answer: what still turns is told
         `J/` at the same deceleration, whose answer says that it was heard.
         """
-        try:
-            self._dialogue.control("A")
-        except (ProtocolError, LinkLost):
-            # The connection is a new one, and an abort twice is an abort.
-            self._dialogue.control("A")
+        stop_surely(lambda: self._dialogue.control("A"))
         state = self.read()
         turning = [a.motor for a, s in zip(self._axes, state.axes, strict=True) if s.moving]
         self._each(f"I{m}20=0 I{m}21=0 I{m}19=I{m}15 #{m}J/" for m in turning)
@@ -264,12 +253,6 @@ class Pmac:
             f"I{n}20=0 I{n}21=0 I{n}19={_text(acceleration * per_turn * 1e-6)} {speed}#{n}{command}"
         )
         self._started[i] = codec.word(self._ask(f"{line} RHX$0", 1)[0], 6)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 def _text(value: float) -> str:

@@ -10,9 +10,9 @@ Reference Manual, I6 (errors), `?` (status), `P`, `V`, `F`.
 """
 
 import re
-from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from struct import pack
+from typing import NamedTuple
 
 from inercal.errors import InputError
 from inercal.host.drivers.table import ProtocolError, TableFault
@@ -78,44 +78,31 @@ class Refused(TableFault):
         self.code = code
 
 
-@dataclass(frozen=True)
-class Status:
-    """The two status words of a motor, 24 bits each."""
+class Status(NamedTuple):
+    """What a motor says of itself.
 
-    first: int
-    second: int
+    Parameters
+    ----------
+    activated : bool
+        The controller serves this motor at all (Ixx00).
+    enabled : bool
+        The amplifier is on and the loop is closed.
+    moving : bool
+        The desired velocity is not zero; of an open loop the controller says so too.
+    homed : bool
+        Home complete.
+    in_position : bool
+        Within Ixx28 of the target.
+    faults : tuple of str
+        What is wrong, in words.
+    """
 
-    @cached_property
-    def activated(self) -> bool:
-        """The controller serves this motor at all (Ixx00)."""
-        return bool(self.first >> 23 & 1)
-
-    @cached_property
-    def enabled(self) -> bool:
-        """The amplifier is on and the loop is closed."""
-        return bool(self.first >> 19 & 1) and not self.first >> 18 & 1
-
-    @cached_property
-    def moving(self) -> bool:
-        """The desired velocity is not zero; of an open loop the controller says so too."""
-        return not self.first >> 13 & 1 and self.enabled
-
-    @cached_property
-    def homed(self) -> bool:
-        """Home complete."""
-        return bool(self.second >> 10 & 1)
-
-    @cached_property
-    def in_position(self) -> bool:
-        """Within Ixx28 of the target."""
-        return bool(self.second & 1)
-
-    @cached_property
-    def faults(self) -> tuple[str, ...]:
-        """What is wrong, in words."""
-        words = (0, self.first, self.second)
-        wrong = tuple(text for word, bit, text in _FAULTS if words[word] >> bit & 1)
-        return wrong if self.activated else (*wrong, "not activated")
+    activated: bool
+    enabled: bool
+    moving: bool
+    homed: bool
+    in_position: bool
+    faults: tuple[str, ...]
 
 
 # The line that asks for the table's state is the same fifty times a second.
@@ -243,8 +230,20 @@ def word(text: str, digits: int) -> int:
 # A motor says few different words in a run.
 @lru_cache(256)
 def status(text: str) -> Status:
-    """Return the status of a motor from the 12 digits that answer `#n?`."""
+    """Return the status of a motor from the 12 digits that answer `#n?`: two words of 24 bits."""
     if len(text.strip()) != 12:
         raise ProtocolError(f"{text[:40]!r} is no status of 12 hexadecimal digits")
     both = word(text, 12)
-    return Status(both >> 24, both & 0xFFFFFF)
+    first, second = both >> 24, both & 0xFFFFFF
+    activated = bool(first >> 23 & 1)
+    enabled = bool(first >> 19 & 1) and not first >> 18 & 1
+    words = (0, first, second)
+    faults = tuple(wrong for which, bit, wrong in _FAULTS if words[which] >> bit & 1)
+    return Status(
+        activated,
+        enabled,
+        moving=enabled and not first >> 13 & 1,
+        homed=bool(second >> 10 & 1),
+        in_position=bool(second & 1),
+        faults=faults if activated else (*faults, "not activated"),
+    )

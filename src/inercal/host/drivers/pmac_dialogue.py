@@ -7,8 +7,8 @@ to the old one can no longer arrive. The question is not repeated, as it may hav
 
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Self
 
+from inercal.host.closing import Closing
 from inercal.host.drivers import pmac_codec as codec
 from inercal.host.drivers.table import ProtocolError
 from inercal.host.link import Link, LinkLost, open_link, read_until
@@ -18,7 +18,7 @@ from inercal.host.link import Link, LinkLost, open_link, read_until
 _FORM = "i6=1 i3=2 i9=2"
 
 
-class Dialogue:
+class Dialogue(Closing):
     """A connection to the controller at `address` (`tcp://HOST:1025`).
 
     Parameters
@@ -135,9 +135,3 @@ class Dialogue:
             raise
         self._link = link
         return link
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()

@@ -5,11 +5,13 @@ as the controller counts. `TableState.time` is the controller's servo clock, nev
 30 °/s, 20 ms of jitter on the way are 0.6°.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import degrees, inf, isfinite, radians
 from typing import Protocol, Self
 
 from inercal.errors import InercalError, InputError
+from inercal.host.link import LinkLost
 
 AT_REST = radians(0.5)  # rad/s; a PMAC of few counts a turn rounds its rates to almost that
 
@@ -190,3 +192,20 @@ def index_of(axis: str, axes: tuple[str, ...]) -> int:
     if axis not in axes:
         raise InputError(f"no axis {axis!r}; this table has {', '.join(axes)}")
     return axes.index(axis)
+
+
+def require_named(axes: tuple[str, ...]) -> None:
+    """Raise `InputError` where there are no axes, or two of one name."""
+    if not axes or len(set(axes)) < len(axes):
+        raise InputError("a table needs axes, each of its own name")
+
+
+def stop_surely(stop: Callable[[], object]) -> None:
+    """Stop, and again where it is not known that it was heard.
+
+    The connection is a new one then, and to stop twice is to stop.
+    """
+    try:
+        stop()
+    except (ProtocolError, LinkLost):
+        stop()

@@ -7,16 +7,16 @@ such a protocol could tell.
 """
 
 from collections.abc import Callable
-from typing import Self
 
+from inercal.host.closing import Closing
 from inercal.host.drivers.table import ProtocolError
-from inercal.host.link import Link, LinkLost, open_link, read_until
+from inercal.host.link import Link, LinkLost, read_until
 
 _TALKS = 20  # pieces of what is still under way
 _MOST = 1 << 16  # bytes; no reply of a table comes near
 
 
-class TextDialogue:
+class TextDialogue(Closing):
     """A connection to the controller at `address`.
 
     Parameters
@@ -31,13 +31,7 @@ class TextDialogue:
         Opens a link to an address; tests give their own.
     """
 
-    def __init__(
-        self,
-        address: str,
-        ending: bytes,
-        timeout: float = 1.0,
-        opener: Callable[[str], Link] = open_link,
-    ):
+    def __init__(self, address: str, ending: bytes, timeout: float, opener: Callable[[str], Link]):
         self.address = address
         self._ending, self._timeout, self._opener = ending, timeout, opener
         self._link: Link | None = opener(address)
@@ -66,12 +60,9 @@ class TextDialogue:
             return self._ending in data
 
         try:
-            if urgent:
-                link.write(line)
-            elif stray := link.read(_MOST, 0.0):
+            if not urgent and (stray := link.read(_MOST, 0.0)):
                 raise ProtocolError(f"{self.address}: {stray[:20]!r} came unasked before {line!r}")
-            else:
-                link.write(line)
+            link.write(line)
             if not read_until(link, whole, self._timeout):
                 raise ProtocolError(
                     f"{self.address}: no whole reply to {line!r} within {self._timeout:g} s "
@@ -103,9 +94,3 @@ class TextDialogue:
                     break
         self._link = link
         return link
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()

@@ -8,9 +8,9 @@ from contextlib import contextmanager, suppress
 from select import select
 from subprocess import PIPE, STDOUT, Popen, TimeoutExpired
 from time import monotonic
-from typing import Self
 from weakref import WeakSet
 
+from inercal.host.closing import Closing
 from inercal.host.link import LinkLost
 
 _BEAT = 0.1  # s
@@ -18,7 +18,7 @@ _START = 30.0  # s that the guard may take to be ready
 _END = 10.0  # s that it may take to end, connecting perhaps
 
 
-class Guard:
+class Guard(Closing):
     """The guard of the table at `address`, as its host has it.
 
     One object serves one thread, and signals the main one.
@@ -163,12 +163,6 @@ class Guard:
         self._pipe = -1
         assert self._process.stdin
         self._process.stdin.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 _guards: WeakSet[Guard] = WeakSet()

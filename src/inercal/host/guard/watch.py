@@ -106,7 +106,7 @@ class Watch:
                 self._stop(f"the host was silent for {self._silence:g} s")
             if self._stopping:
                 self._pursue(self._stopping)
-            elif self._due(now):
+            elif shared(self._address) and now - self._looked >= _IDLE:
                 self._look_idly()
             if self._gone and not self._stopping:
                 return 0
@@ -114,9 +114,6 @@ class Watch:
                 self._say(f"cannot: no word from the table for {self._patience:g} s; given up")
                 return 1
         return 0
-
-    def _due(self, now: float) -> bool:
-        return shared(self._address) and now - self._looked >= _IDLE
 
     def _until_due(self) -> float:
         due = self._looked + _IDLE if shared(self._address) else inf

@@ -23,27 +23,20 @@ Values = NDArray[np.uint32]
 
 
 @njit(cache=True, nogil=True)
-def _shift_left(data: Bytes, start: Indices, stop: Indices, table: Values, init: int) -> Values:
-    """Return the CRC, aligned to bit 31, of each span."""
+def _registers(
+    data: Bytes, start: Indices, stop: Indices, table: Values, init: int, reflected: bool
+) -> Values:
+    """Return the last register of each span: aligned to bit 31 or, reflected, to bit 0."""
     out = np.empty(start.size, np.uint32)
     for k in range(start.size):
         register = np.uint32(init)
         for i in range(start[k], stop[k]):
-            index = np.uint32(register >> np.uint32(24)) ^ np.uint32(data[i])
-            register = np.uint32(register << np.uint32(8)) ^ table[index]
-        out[k] = register
-    return out
-
-
-@njit(cache=True, nogil=True)
-def _shift_right(data: Bytes, start: Indices, stop: Indices, table: Values, init: int) -> Values:
-    """Return the reflected CRC of each span."""
-    out = np.empty(start.size, np.uint32)
-    for k in range(start.size):
-        register = np.uint32(init)
-        for i in range(start[k], stop[k]):
-            index = np.uint32(register ^ np.uint32(data[i])) & np.uint32(0xFF)
-            register = np.uint32(register >> np.uint32(8)) ^ table[index]
+            if reflected:
+                index = np.uint32(register ^ np.uint32(data[i])) & np.uint32(0xFF)
+                register = np.uint32(register >> np.uint32(8)) ^ table[index]
+            else:
+                index = np.uint32(register >> np.uint32(24)) ^ np.uint32(data[i])
+                register = np.uint32(register << np.uint32(8)) ^ table[index]
         out[k] = register
     return out
 
@@ -103,13 +96,10 @@ class Crc:
 
     def of_spans(self, data: Bytes, start: Indices, stop: Indices) -> Values:
         """Return the check of each span `start` to `stop` (half open) of `data`; all (n,)."""
-        if self.reflected:
-            value = _shift_right(data, start, stop, self._table, self.init)
-        else:
-            unused = 32 - self.bits
-            value = _shift_left(data, start, stop, self._table, self.init << unused)
-            value = value >> np.uint32(unused)
-        return value ^ np.uint32(self.final)
+        unused = 0 if self.reflected else 32 - self.bits
+        init = self.init << unused
+        value = _registers(data, start, stop, self._table, init, self.reflected)
+        return (value >> np.uint32(unused)) ^ np.uint32(self.final)
 
 
 @dataclass(frozen=True)

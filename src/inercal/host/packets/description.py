@@ -19,20 +19,15 @@ PRESETS = tuple(
     sorted(p.name.removesuffix(".toml") for p in _PRESETS.iterdir() if p.name.endswith(".toml"))
 )
 
+_SECTIONS = ("accelerometer", "gyro", "temperature", "time", "counter", "status")
 # What each section takes, by key; a channel's section may be left out where its roles are.
 KEYS: Mapping[str, Mapping[str, type]] = {
     "": {
-        "about": str,
-        "byte_order": str,
-        "rate": str,
-        "line": str,
+        **dict.fromkeys(("about", "byte_order", "rate", "line"), str),
         "frame": list,
-        "accelerometer": dict,
-        "gyro": dict,
-        "temperature": dict,
-        "time": dict,
-        "counter": dict,
-        "status": dict,
+        **dict.fromkeys(
+            ("accelerometer", "gyro", "temperature", "time", "counter", "status"), dict
+        ),
     },
     "frame": {"packet": str, "length": int},
     "accelerometer": {"scale": str, "full_scale": str, "invalid": list},

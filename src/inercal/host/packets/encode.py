@@ -60,19 +60,10 @@ def encode(
     first = layout.frames[0]
     if isinstance(first, Line):
         return _lines(layout, first, given, n)
-    kinds = [
-        next(
-            (
-                k
-                for k, frame in enumerate(layout.frames)
-                if ("temperature" in {f.role for f in frame.fields}) == carries
-            ),
-            0,
-        )
-        for carries in (False, True)
-    ]
-    kind = np.where(warm, kinds[1], kinds[0])
     frames = [frame for frame in layout.frames if isinstance(frame, Frame)]
+    carries = ["temperature" in frame.orders for frame in frames]
+    without, with_it = (carries.index(has) if has in carries else 0 for has in (False, True))
+    kind = np.where(warm, with_it, without)
     lengths = np.array([frame.length for frame in frames])[kind]
     begins = np.cumsum(lengths) - lengths
     out = np.zeros(int(lengths.sum()), np.uint8)

@@ -124,16 +124,18 @@ class Line:
         """
         covered, rest = b"", b""
         for literal, name, spec, _ in Formatter().parse(self.text):
-            value = rb"[^,;*\s]{0,64}" if name == "_" else b"(" + _NUMBER[(spec or "d")[-1]] + b")"
-            piece = re.escape(literal.encode()) if name is None else value
+            piece = re.escape(literal.encode())
+            if name is not None and "@" not in name:
+                any_text = rb"[^,;*\s]{0,64}"
+                piece += any_text if name == "_" else b"(" + _NUMBER[(spec or "d")[-1]] + b")"
             if name is not None and "@" in name:  # the separator is not covered
                 covered += re.escape(literal[:-1].encode())
                 digits = self.checks[0].kind.bits // 4
                 rest = re.escape(literal[-1:].encode()) + rb"([0-9a-f]{%d})" % digits
             elif rest:
-                rest += re.escape(literal.encode()) + (b"" if name is None else value)
+                rest += piece
             else:
-                covered += piece if name is None else re.escape(literal.encode()) + value
+                covered += piece
         anchor = b"^" if self.text.startswith("{") else b""
         return re.compile(anchor + b"(" + covered + b")" + rest + rb"(\r?\n)", re.MULTILINE)
 

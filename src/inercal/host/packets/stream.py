@@ -5,7 +5,7 @@ thrown away and counted.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -92,19 +92,11 @@ def joined(parts: Iterable[Packets]) -> Packets:
     parts = list(parts)
     if not parts:
         raise InputError("no packets to join")
-    return Packets(
-        np.concatenate([part.readings for part in parts]),
-        _along([part.counter for part in parts]),
-        _along([part.time for part in parts]),
-        np.concatenate([part.temperature for part in parts]),
-        np.concatenate([part.status for part in parts]),
-        np.concatenate([part.flags for part in parts]),
-    )
-
-
-def _along(columns: list[NDArray[Number] | None]) -> NDArray[Number] | None:
-    there = [column for column in columns if column is not None]
-    return np.concatenate(there) if there else None
+    columns: dict[str, Any] = {}
+    for one in fields(Packets):
+        there = [column for part in parts if (column := getattr(part, one.name)) is not None]
+        columns[one.name] = np.concatenate(there) if there else None
+    return Packets(**columns)
 
 
 class Decoder:
@@ -177,14 +169,10 @@ class Decoder:
         flags = np.zeros(n, np.uint8)
         readings = np.full((n, len(AXES)), np.nan)
         signs = {field.role: field.sign for frame in layout.frames for field in frame.fields}
-        for k, role in enumerate(AXES):
-            if role in raw:
-                flags |= _scaled(layout, role, signs[role], raw[role], readings[:, k])
         temperature = np.full(n, np.nan)
-        if "temperature" in raw:
-            flags |= _scaled(
-                layout, "temperature", signs["temperature"], raw["temperature"], temperature
-            )
+        for role, column in zip((*AXES, "temperature"), (*readings.T, temperature), strict=True):
+            if role in raw:
+                flags |= _scaled(layout, role, signs[role], raw[role], column)
         status, stated = np.zeros(n, np.int64), np.zeros(n, bool)
         if "status" in raw:
             stated = np.isfinite(raw["status"])  # where packets of several kinds come

@@ -37,13 +37,9 @@ def find(buffer: bytes, line: Line) -> Found:
     used = max(buffer.rfind(b"\n") + 1, len(buffer) - _LONGEST)
     taken = sum(map(len, columns[0])) + sum(map(len, columns[-1]))
     if line.checks:
-        taken += len(matches) * _check_length(line)
+        separator = 1
+        taken += len(matches) * (separator + line.checks[0].kind.bits // 4)
     return Found(raw, len(matches), taken, used, failed)
-
-
-def _check_length(line: Line) -> int:
-    """Return the characters of the check and the separator before it."""
-    return 1 + line.checks[0].kind.bits // 4
 
 
 def _checked(

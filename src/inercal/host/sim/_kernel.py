@@ -37,55 +37,22 @@ CLOSED, MOVING, SETTLED, HOMED, SEARCHING, ABORTING, LIMITED, TRIPPED, AMPLIFIER
     1 << bit for bit in range(9)
 )
 
-AXIS = np.dtype(
-    [
-        # Settings, SI.
-        ("speed", "f8"),
-        ("acceleration", "f8"),
-        ("abort", "f8"),
-        ("smooth", "i8"),
-        ("low", "f8"),
-        ("high", "f8"),
-        ("fatal", "f8"),
-        ("band", "f8"),
-        ("omega", "f8"),
-        ("zeta", "f8"),
-        ("feedforward", "f8"),
-        ("torque", "f8"),
-        ("friction", "f8"),
-        ("index", "f8"),
-        # Command.
-        ("mode", "i8"),
-        ("goal", "f8"),
-        ("direction", "f8"),
-        ("aborting", "i8"),
-        # Profile: before the S-curve, and after it.
-        ("raw", "f8"),
-        ("raw_rate", "f8"),
-        ("sum", "f8"),
-        ("still", "i8"),
-        ("desired", "f8"),
-        ("desired_rate", "f8"),
-        # Truth.
-        ("angle", "f8"),
-        ("rate", "f8"),
-        ("rotation", "f8"),
-        # Encoder, and where its zero is.
-        ("encoder", "f8"),
-        ("encoder_rate", "f8"),
-        ("zero", "f8"),
-        ("delay", "f8"),  # of what is read, cycles
-        # Flags.
-        ("closed", "i8"),
-        ("homed", "i8"),
-        ("limited", "i8"),
-        ("tripped", "i8"),
-        ("amplifier", "i8"),
-        # Faults on demand.
-        ("frozen", "i8"),
-        ("jammed", "i8"),
-    ]
-)
+_REAL = (
+    # Settings, SI; `delay` is that of what is read, in cycles.
+    "speed", "acceleration", "abort", "low", "high", "fatal", "band", "omega", "zeta",
+    "feedforward", "torque", "friction", "index", "delay",
+    # Command; profile before the S-curve, and after it.
+    "goal", "direction", "raw", "raw_rate", "sum", "desired", "desired_rate",
+    # Truth; encoder, and where its zero is.
+    "angle", "rate", "rotation", "encoder", "encoder_rate", "zero",
+)  # fmt: skip
+_WHOLE = (
+    # Setting; command; profile.
+    "smooth", "mode", "aborting", "still",
+    # Flags; faults on demand.
+    "closed", "homed", "limited", "tripped", "amplifier", "frozen", "jammed",
+)  # fmt: skip
+AXIS = np.dtype([(name, "f8") for name in _REAL] + [(name, "i8") for name in _WHOLE])
 
 
 @njit(cache=True, nogil=True)

@@ -79,12 +79,9 @@ class Packer:
     def __init__(self, layout: Layout, rate_hz: float):
         self._layout, self._rate = layout, rate_hz
         frames = [frame for frame in layout.frames if isinstance(frame, Frame)]
-        warm = [any(f.role == "temperature" for f in frame.fields) for frame in frames]
-        self._kinds = [
-            _Kind(layout, next(f for f, w in zip(frames, warm, strict=True) if w == wanted))
-            for wanted in (False, True)
-            if wanted in warm
-        ]
+        carries = ["temperature" in frame.orders for frame in frames]
+        kinds = [frames[carries.index(has)] for has in (False, True) if has in carries]
+        self._kinds = [_Kind(layout, frame) for frame in kinds]
         self._second = max(round(rate_hz), 1)
         self(0, np.zeros((1, len(AXES))))
 

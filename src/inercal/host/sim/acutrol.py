@@ -10,12 +10,14 @@ import re
 from argparse import ArgumentParser
 from math import degrees, inf, radians
 
-from inercal.host.sim.dynamics import Axis, Killed, Motion, Table, fault_in_words, three_axes
+from inercal.host.sim.controller import Controller
+from inercal.host.sim.dynamics import Killed, Table, three_axes
 from inercal.host.sim.lines import LineSession
 from inercal.host.sim.process import add_pace, pace_of, serve
 
 _WORDS = ("mode", "demand", "read", "limit", "interlock", "position", "rate", "acceleration",
           "absolute", "close", "open", "reset", "off")  # fmt: skip
+_MOST = {"rate": 400.0, "acceleration": 500.0}  # °/s, °/s²
 _JERK = 10000.0  # °/s³; told, not kept
 
 
@@ -23,26 +25,16 @@ class _Wrong(Exception):
     """A command that the controller refuses."""
 
 
-class SimulatedAcutrol:
+class SimulatedAcutrol(Controller):
     """An ACUTROL3000 with a channel for each axis, 1 the outermost; rates in °/s."""
 
-    def __init__(
-        self,
-        axes: tuple[Axis, ...] | None = None,
-        rate: float = 400.0,
-        acceleration: float = 500.0,
-    ):
-        self.table = Table(axes or three_axes(), 2000.0)
-        self._most = {"rate": rate, "acceleration": acceleration}
+    def __init__(self):
+        super().__init__(Table(three_axes(), 2000.0))
         count = len(self.table.axes)
         self._mode = ["off"] * count
         self._demand = [{"position": 0.0, "rate": 0.0} for _ in range(count)]
         self._limit = [
-            {
-                (mode, what): most
-                for mode in ("position", "rate")
-                for what, most in self._most.items()
-            }
+            {(mode, what): most for mode in ("position", "rate") for what, most in _MOST.items()}
             for _ in range(count)
         ]
         self._wrong = False
@@ -50,22 +42,9 @@ class SimulatedAcutrol:
             # Absolute encoders: zero is where the axis is built to have it.
             x.zero, x.homed, x.fatal, x.band = 0.0, 1, radians(2.0), radians(1e-4)
 
-    @property
-    def time(self) -> float:
-        """Bench time, s."""
-        return self.table.time
-
-    def advance(self, until: float) -> Motion:
-        """Let bench time pass; return the true motion of each servo cycle."""
-        return self.table.advance(until)
-
     def session(self) -> LineSession:
         """Return the controller's side of a new connection."""
         return LineSession(b"\n", self._line)
-
-    def fault(self, words: str) -> None:
-        """Set a fault of the table in words: `amplifier 2`, `frozen 1 off`, `jammed 3`."""
-        fault_in_words(self.table, words)
 
     def _line(self, line: str) -> str:
         said: list[str] = []
@@ -107,7 +86,7 @@ class SimulatedAcutrol:
                 if question:
                     return f"{self._limit[i][mode, what]:.6f}"
                 value = float(given[2])
-                if (mode, what) not in self._limit[i] or not 0 < value <= self._most[what]:
+                if (mode, what) not in self._limit[i] or not 0 < value <= _MOST[what]:
                     raise _Wrong
                 self._limit[i][mode, what] = value
                 return ""
@@ -119,7 +98,7 @@ class SimulatedAcutrol:
             case ["limit", "absolute"], True:
                 ends = (degrees(float(e)) if abs(e) < inf else 1e9 * (1 if e > 0 else -1)
                         for e in (x.low, x.high))  # fmt: skip
-                told = (*self._most.values(), _JERK, *ends, 0.0)
+                told = (*_MOST.values(), _JERK, *ends, 0.0)
                 return ",".join(f"{v:.6f}" for v in told)
             case ["read", "position"], True:
                 return f"{degrees(self.table.reading(i)):.6f}"

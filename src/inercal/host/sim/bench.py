@@ -18,6 +18,7 @@ import numpy as np
 from inercal.errors import InputError
 from inercal.host.sim import motion_link
 from inercal.host.sim.drawn import Drawn, draw
+from inercal.host.sim.faults import number_in
 from inercal.host.sim.motion_link import Part
 from inercal.host.sim.pmac import SimulatedPmac
 from inercal.host.sim.process import obey
@@ -197,7 +198,7 @@ class ClockServer:
         with self._server.lock:
             before = self._pace()
             match line.split():
-                case [b"until", time] if _is_time(time):
+                case [b"until", time] if abs(number_in(time)) < 1e9:
                     self._granted.add(end)
                     until = float(time)
                     now = self._pace.grant(until)
@@ -210,13 +211,6 @@ class ClockServer:
             if until <= before:
                 device.settle()
             return f"{now!r} {device.sent} {device.sent_by!r}\n".encode()
-
-
-def _is_time(text: bytes) -> bool:
-    try:
-        return abs(float(text)) < 1e9
-    except ValueError:
-        return False
 
 
 def main() -> None:

@@ -11,10 +11,10 @@ is the bench's time (see `inercal.benches.turntable.bench`).
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from math import cos, sin
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.benches.turntable import Turntable, turntable_of
 from inercal.errors import InputError
@@ -101,16 +101,13 @@ def draw(run: Run, seed: int) -> Drawn:
 
 def _noise(white: float, seed: int, axis: int) -> Callable[[int], float]:
     """Return the readback's noise, rad, in a servo cycle, whoever asks for it and how often."""
-    held: dict[int, list[float]] = {}
+
+    @lru_cache(1)
+    def drawn(block: int) -> list[float]:
+        return np.random.default_rng([seed, axis, block]).normal(0.0, white, _BLOCK).tolist()
 
     def noise(cycle: int) -> float:
         block, place = divmod(cycle, _BLOCK)
-        if block not in held:
-            held.clear()
-            drawn: NDArray[np.float64] = np.random.default_rng([seed, axis, block]).normal(
-                0.0, white, _BLOCK
-            )
-            held[block] = drawn.tolist()
-        return held[block][place]
+        return drawn(block)[place]
 
     return noise

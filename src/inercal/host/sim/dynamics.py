@@ -223,25 +223,3 @@ def three_axes() -> tuple[Axis, ...]:
         Axis("middle", start=-0.7, omega=50.0, torque=30.0),
         Axis("inner", start=pi / 3, omega=60.0, torque=60.0),
     )
-
-
-def fault_in_words(table: Table, words: str) -> None:
-    """Set a fault told in words, `amplifier 2` or `frozen 1 off`: its name, and the axis from 1.
-
-    Raises
-    ------
-    ValueError
-        No such fault or axis; the message says what is possible.
-    """
-    match words.split():
-        case [what, number, *state] if (
-            what in FAULTS
-            and number in map(str, range(1, len(table.axes) + 1))
-            and state in ([], ["on"], ["off"])
-        ):
-            table.fault(int(number) - 1, what, state != ["off"])
-        case _:
-            raise ValueError(
-                f"no fault {words!r}; possible: {', '.join(FAULTS)}, an axis from 1 to "
-                f"{len(table.axes)}, and on or off"
-            )

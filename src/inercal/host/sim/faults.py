@@ -13,6 +13,7 @@ another:
 
 import os
 from dataclasses import dataclass, field
+from math import nan
 
 import numpy as np
 
@@ -52,14 +53,15 @@ class Faults:
                 os._exit(9)
             case ["fragment" | "corrupt" | "drop" as what, count] if count.isdecimal():
                 setattr(self, what, int(count))
-            case ["delay", seconds] if _is_time(seconds):
+            case ["delay", seconds] if 0 <= number_in(seconds) < 1e6:
                 self.delay = float(seconds)
             case _:
                 raise ValueError(f"no fault {words!r}; possible: {POSSIBLE}")
 
 
-def _is_time(text: str) -> bool:
+def number_in(text: str | bytes) -> float:
+    """Return the number that a text is; NaN where it is none."""
     try:
-        return 0 <= float(text) < 1e6
+        return float(text)
     except ValueError:
-        return False
+        return nan

@@ -114,17 +114,10 @@ class Imu:
         self._ordered = self._order == sorted(self._order)
         self._sensor, self._drawn, self._rate = sensor, drawn, rate_hz
         self._felt, self._reads = Surroundings(drawn), Reading(sensor, c)
-        reach = [
-            inf
-            if axis.readout.full_scale is None
-            else axis.readout.full_scale / abs(axis.readout.scale)
-            for axis in sensor.axes
-        ]
-        self._limits = (
-            np.array([axis.noise.quantisation for axis in sensor.axes]),
-            -np.array(reach),
-            np.array(reach),
-        )
+        readouts = [axis.readout for axis in sensor.axes]
+        reach = np.array([(one.full_scale or inf) / abs(one.scale) for one in readouts])
+        steps = np.array([axis.noise.quantisation for axis in sensor.axes])
+        self._limits = steps, -reach, reach
         self._slower = 1.0 - drawn.values["clock"]
         # Not that of the bench, which is drawn from the seed alone.
         self._rng = np.random.default_rng([drawn.seed, 1])

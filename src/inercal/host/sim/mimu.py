@@ -24,7 +24,6 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Lock, Thread
-from typing import TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,8 +34,10 @@ from inercal.host.packets import Layout, read_layout
 from inercal.host.sim import motion_link
 from inercal.host.sim._packed import Packer
 from inercal.host.sim.drawn import Drawn, draw
+from inercal.host.sim.faults import number_in
 from inercal.host.sim.felt import Imu, drawn_drift, noise_block
 from inercal.host.sim.port import Port, Socket, Terminal
+from inercal.host.sim.process import answer
 from inercal.runfile import Run, read
 
 Array = NDArray[np.float64]
@@ -87,7 +88,7 @@ class Sender:
             match words.split():
                 case ["die"]:
                     os._exit(9)
-                case ["fault", "loss" | "errors" as what, share] if _is_share(share):
+                case ["fault", "loss" | "errors" as what, share] if 0 <= number_in(share) <= 1:
                     setattr(self, f"_{what}", float(share))
                 case ["fault", "silent", "on" | "off" as state]:
                     self._silent = state == "on"
@@ -214,26 +215,9 @@ def main() -> None:
 
         Thread(target=serve, daemon=True).start()
         print(f"at {sender.address} motion {motion}", flush=True)
-        obey(sender, sys.stdin, sys.stdout)
+        answer(sender.tell, sys.stdin, sys.stdout)
         with sender.lock:
             sender.close()
-
-
-def obey(sender: Sender, told: TextIO, answers: TextIO) -> None:
-    """Do what each line of `told` says, until there is no more."""
-    for line in told:
-        try:
-            sender.tell(line.strip())
-            print("ok", file=answers, flush=True)
-        except ValueError as error:
-            print(f"no: {error}", file=answers, flush=True)
-
-
-def _is_share(text: str) -> bool:
-    try:
-        return 0 <= float(text) <= 1
-    except ValueError:
-        return False
 
 
 if __name__ == "__main__":

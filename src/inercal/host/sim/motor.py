@@ -6,36 +6,27 @@ Run as `python -m inercal.host.sim.motor`, on a pseudo-terminal, or with `--port
 from argparse import ArgumentParser
 from math import degrees, isfinite, radians
 
-from inercal.host.sim.dynamics import Axis, Motion, Table, fault_in_words
+from inercal.host.sim.controller import Controller
+from inercal.host.sim.dynamics import Axis, Table
+from inercal.host.sim.faults import number_in
 from inercal.host.sim.lines import LineSession
 from inercal.host.sim.process import add_pace, pace_of, serve
 
+_MOST = {"JOG": 600.0, "VEL": 600.0, "ACL": 200.0}  # °/s, °/s²
 
-class SimulatedMotor:
-    """A motor that turns the table at up to `rate` °/s, from anywhere; its servo is always on."""
 
-    def __init__(self, axis: Axis | None = None, rate: float = 600.0, acceleration: float = 200.0):
-        self.table = Table([axis or Axis("table", start=1.2, omega=25.0, feedforward=0.9)], 1000.0)
-        self._most = {"JOG": rate, "VEL": rate, "ACL": acceleration}
+class SimulatedMotor(Controller):
+    """A motor that turns the table at up to 600 °/s, from anywhere; its servo is always on."""
+
+    def __init__(self):
+        axis = Axis("table", start=1.2, omega=25.0, feedforward=0.9)
+        super().__init__(Table([axis], 1000.0))
         self.table.state[0].fatal = radians(10.0)
         self.table.enable(0)
-
-    @property
-    def time(self) -> float:
-        """Bench time, s."""
-        return self.table.time
-
-    def advance(self, until: float) -> Motion:
-        """Let bench time pass; return the true motion of each servo cycle."""
-        return self.table.advance(until)
 
     def session(self) -> LineSession:
         """Return the controller's side of a new connection."""
         return LineSession(b"\r", self._line)
-
-    def fault(self, words: str) -> None:
-        """Set a fault of the table in words: `amplifier 1`, `frozen 1 off`, `jammed 1`."""
-        fault_in_words(self.table, words)
 
     def _line(self, line: str) -> str:
         x = self.table.state[0]
@@ -53,11 +44,9 @@ class SimulatedMotor:
             case ["HOM"]:
                 x.speed = radians(20.0)
                 self.table.search(0)
-            case ["ACL" | "VEL" | "JOG" | "POS" as what, text] if _is_number(text):
+            case ["ACL" | "VEL" | "JOG" | "POS" as what, text] if isfinite(number_in(text)):
                 value = float(text)
-                if abs(value) > self._most.get(what, 1e9) or (
-                    what in ("ACL", "VEL") and value <= 0
-                ):
+                if abs(value) > _MOST.get(what, 1e9) or (what in ("ACL", "VEL") and value <= 0):
                     return "? range\r\n>"
                 self._set(what, radians(value))
             case _:
@@ -77,13 +66,6 @@ class SimulatedMotor:
         else:
             x.speed = abs(value)
             self.table.run(0, 1.0 if value > 0 else -1.0)
-
-
-def _is_number(text: str) -> bool:
-    try:
-        return isfinite(float(text))
-    except ValueError:
-        return False
 
 
 def main() -> None:

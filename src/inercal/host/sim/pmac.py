@@ -13,7 +13,8 @@ from argparse import ArgumentParser
 from math import tau
 from struct import unpack_from
 
-from inercal.host.sim.dynamics import Axis, Motion, Table, fault_in_words, three_axes
+from inercal.host.sim.controller import Controller
+from inercal.host.sim.dynamics import Axis, Table, three_axes
 from inercal.host.sim.pmac_commands import Interpreter
 from inercal.host.sim.process import add_pace, pace_of, serve
 
@@ -21,7 +22,7 @@ _CHUNK = 1400
 _WITH_DATA = (0xB0, 0xBF, 0xC6)  # SENDLINE, GETRESPONSE, WRITEBUFFER: the length is that of data
 
 
-class SimulatedPmac:
+class SimulatedPmac(Controller):
     """A Turbo PMAC with a motor for each axis of a table, 1 the outermost.
 
     Parameters
@@ -38,25 +39,12 @@ class SimulatedPmac:
         counts_per_turn: int = 3_600_000,
         i10: int = 3713707,
     ):
-        self.table = Table(axes or three_axes(), 8388608e3 / i10)
+        super().__init__(Table(axes or three_axes(), 8388608e3 / i10))
         self.interpreter = Interpreter(self.table, counts_per_turn / tau, i10)
-
-    @property
-    def time(self) -> float:
-        """Bench time, s."""
-        return self.table.time
-
-    def advance(self, until: float) -> Motion:
-        """Let bench time pass; return the true motion of each servo cycle."""
-        return self.table.advance(until)
 
     def session(self) -> "_Session":
         """Return the controller's side of a new connection."""
         return _Session(self.interpreter)
-
-    def fault(self, words: str) -> None:
-        """Set a fault of the table in words: `amplifier 2`, `frozen 1 off`, `jammed 3`."""
-        fault_in_words(self.table, words)
 
 
 class _Session:

@@ -31,6 +31,7 @@ _DEFAULTS = {
     0: 1.0, 11: 16 * 20000.0, 13: 0.0, 14: 0.0, 15: 2.0, 16: 4000.0, 17: 2.0, 19: 0.1, 20: 0.0,
     21: 0.0, 22: 300.0, 23: 100.0, 24: float(0x120001), 28: 16 * 5.0, 60: 0.0,
 }  # fmt: skip
+_IDENTITY = {"version": "1.947", "type": "TURBO2, X4", "cid": "603382"}
 _ADDRESSES = (24,)
 _PARTS = tuple(f"{part / 32:.5f}".rstrip("0").removeprefix("0").rstrip(".") for part in range(32))
 _MOST_LINES = 200  # that are kept as steps
@@ -125,12 +126,8 @@ class Interpreter:
     def _step(self, match: re.Match[str], motor: int) -> _Step:
         """Return what a command does."""
         match match.lastgroup:
-            case "version":
-                return lambda: "1.947"
-            case "type":
-                return lambda: "TURBO2, X4"
-            case "cid":
-                return lambda: "603382"
+            case "version" | "type" | "cid" as what:
+                return lambda: _IDENTITY[what]
             case "system":
                 return lambda: None
             case "program":
@@ -217,15 +214,12 @@ class Interpreter:
         if time > 0:
             x.acceleration = min(x.acceleration, max(float(x.speed) / time, slowest))
         cycles = round(get[base + 21] * 1e-3 / self._table.period)
-        x.smooth = min(max(cycles, 1), 1024) if self._resting(i) else x.smooth
+        x.smooth = min(max(cycles, 1), 1024) if not self._table.moving(i) else x.smooth
         x.abort = max(get[base + 15] * 1e6 * to_rad, slowest)
         x.high = get[base + 13] * to_rad if get[base + 13] else inf
         x.low = get[base + 14] * to_rad if get[base + 14] else -inf
         x.fatal = get[base + 11] / 16 * to_rad if get[base + 11] else inf
         x.band = get[base + 28] / 16 * to_rad
-
-    def _resting(self, i: int) -> bool:
-        return not self._table.moving(i)
 
     def _rad_s(self, i: int, n: int) -> float:
         return self._variables[100 * (i + 1) + n] * 1e3 / self._counts

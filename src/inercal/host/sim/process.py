@@ -21,18 +21,27 @@ def serve(device: Device, pace: Callable[[], float], port: int, terminal: bool =
 
 
 def obey(server: Server[Any], told: TextIO, answers: TextIO) -> None:
-    """Do what each line of `told` says, until there is no more."""
+    """Do what each line of `told` says of time and faults, until there is no more."""
+
+    def tell(line: str) -> None:
+        match line.split():
+            case ["advance", until] if isinstance(server.pace, Granted):
+                server.advance(float(until))
+            case ["fault", *words]:
+                with server.lock:
+                    server.device.fault(" ".join(words))
+            case _:
+                with server.lock:
+                    server.faults.tell(line)
+
+    answer(tell, told, answers)
+
+
+def answer(tell: Callable[[str], None], told: TextIO, answers: TextIO) -> None:
+    """Hand each line of `told` to `tell`, and answer by `ok` or by its `ValueError`."""
     for line in told:
         try:
-            match line.split():
-                case ["advance", until] if isinstance(server.pace, Granted):
-                    server.advance(float(until))
-                case ["fault", *words]:
-                    with server.lock:
-                        server.device.fault(" ".join(words))
-                case _:
-                    with server.lock:
-                        server.faults.tell(line.strip())
+            tell(line.strip())
             print("ok", file=answers, flush=True)
         except ValueError as error:
             print(f"no: {error}", file=answers, flush=True)

@@ -18,6 +18,7 @@ from inercal.host.sim.faults import Faults
 
 _TICK = 0.02  # s of wall time after which time passes though nobody asks
 _READ = 4096
+_HOST = "127.0.0.1"
 
 
 class Session(Protocol):
@@ -66,8 +67,7 @@ class WallClock:
 class Granted:
     """Bench time that stands still but for what it is set to."""
 
-    def __init__(self, now: float = 0.0):
-        self.now = now
+    now: float = 0.0
 
     def __call__(self) -> float:
         """Return bench time, s."""
@@ -75,7 +75,7 @@ class Granted:
 
 
 class Server(Generic[D]):
-    """Serves `device` on `host`:`port` (0: any free port), or on a pseudo-terminal.
+    """Serves `device` on this machine's `port` (0: any free one), or on a pseudo-terminal.
 
     As a context manager it runs in a thread of its own; `address` is what `open_link` opens.
     """
@@ -84,14 +84,12 @@ class Server(Generic[D]):
         self,
         device: D,
         pace: Callable[[], float] | None = None,
-        faults: Faults | None = None,
-        host: str = "127.0.0.1",
         port: int = 0,
         terminal: bool = False,
     ):
         self.device = device
         self.pace = pace or Granted()
-        self.faults = faults or Faults()
+        self.faults = Faults()
         self.lock = RLock()
         self._stopped = False
         self._late: list[tuple[float, _Line, bytes]] = []
@@ -105,10 +103,10 @@ class Server(Generic[D]):
             self.address = f"serial:{path}"
             self._add(line)
         else:
-            self._listener = socket.create_server((host, port))
+            self._listener = socket.create_server((_HOST, port))
             self.attend(self._listener, self._accept)
             self.port: int = self._listener.getsockname()[1]
-            self.address = f"tcp://{host}:{self.port}"
+            self.address = f"tcp://{_HOST}:{self.port}"
 
     def run(self) -> None:
         """Serve until `stop`."""

@@ -52,12 +52,8 @@ class Access:
             raise InputError(f"a token of {len(token)} characters; give {_LEAST} or more, or none")
         self.session = secrets.token_urlsafe(32)
         self._hosts, self._token = hosts, token
+        self.needs_token = token is not None
         self._wrong: dict[str, deque[float]] = {}
-
-    @property
-    def needs_token(self) -> bool:
-        """Whether there is one."""
-        return self._token is not None
 
     def knows_host(self, headers: Mapping[str, str]) -> bool:
         """Tell whether the page is called so."""

@@ -219,10 +219,7 @@ class Hub:
             None if plan is None else str(plan.absolute()),
             None if sensor is None else sensor.strip(),
             self.people.operator or "",
-            chosen.table,
-            chosen.imu,
-            chosen.clock,
-            chosen.simulated,
+            *chosen,
             crc32(folder.name.encode()),  # another bench for another run
             self._options.speed,
             self._register,

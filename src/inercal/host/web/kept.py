@@ -35,21 +35,17 @@ class Kept:
 
     def all(self) -> Generator[str]:
         """Yield what is kept, in the order in which a page can take it."""
-        if "plan" in self._last:
-            yield self._last["plan"]
-        if "phase" in self._last and not self._phase_is_news:
-            yield self._last["phase"]
+        news = self._phase_is_news
+        yield from self._latest("plan") if news else self._latest("plan", "phase")
         yield from self._estimates
         if self._estimates and self._last["estimates"] != self._estimates[-1]:
             yield self._last["estimates"]
         yield from self._samples
         yield from self._events
-        if "state" in self._last:
-            yield self._last["state"]
-        if self._phase_is_news:
-            yield self._last["phase"]
-        if "done" in self._last:
-            yield self._last["done"]
+        yield from self._latest("state", "phase", "done") if news else self._latest("state", "done")
+
+    def _latest(self, *kinds: str) -> list[str]:
+        return [self._last[kind] for kind in kinds if kind in self._last]
 
     def _thin(self, text: str) -> None:
         """Keep every so many estimates, evenly over the run."""

@@ -11,7 +11,7 @@ import tomlkit
 
 from inercal.errors import InputError
 from inercal.host.folder import JOURNAL, LOG
-from inercal.host.log import driven, lock
+from inercal.host.log import driven, lock, usable
 from inercal.host.options import ORDINARY, Options
 
 NOTE = "run.page.json"
@@ -155,15 +155,11 @@ def note(folder: Path, simulated: Simulated | None) -> int:
     """
     path = folder / NOTE
     content = json.dumps(Note(os.getpid(), simulated)._asdict()).encode()
-    try:
+    with usable(path, "written"):
         file = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
-        lock(file)
+        lock(file, f"{folder}: another process drives this run")
         os.ftruncate(file, 0)
         os.write(file, content)
-    except BlockingIOError:
-        raise InputError(f"{folder}: another process drives this run") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
     return file
 
 

@@ -12,12 +12,13 @@ from collections.abc import Mapping
 from threading import Condition, Thread
 from time import monotonic
 
+from inercal.host.closing import Closing
 from inercal.host.web.lanes import Lanes
 
 PICTURES = frozenset(("state", "samples", "estimates"))  # later ones say what these did
 
 
-class Publisher:
+class Publisher(Closing):
     """Writes messages to a descriptor; as a context manager it closes with the context.
 
     Parameters
@@ -77,9 +78,3 @@ class Publisher:
             while (message := self._lanes.take()) is None and not self._over:
                 self._changed.wait()
             return message
-
-    def __enter__(self) -> "Publisher":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()

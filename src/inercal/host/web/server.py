@@ -18,6 +18,7 @@ from urllib.parse import quote
 import uvicorn
 
 from inercal.errors import InercalError, InputError
+from inercal.host.log import usable
 from inercal.host.options import ORDINARY
 from inercal.host.options import Options as OfRuns
 from inercal.host.web.access import Access, is_loopback
@@ -204,10 +205,8 @@ def _runs(options: Options) -> Runs:
     """Return the runs there are, once all of them are in the register."""
     if not options.plans.is_dir():
         raise InputError(f"--plans {options.plans}: there is no such folder")
-    try:
+    with usable(f"--runs {options.runs}", "made"):
         options.runs.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"--runs {options.runs}: cannot be made: {error.strerror}") from None
     Register(options.register).close()
     runs = Runs(options.runs)
     try:

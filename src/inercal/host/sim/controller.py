@@ -1,0 +1,46 @@
+"""What the simulated controllers have in common: a table, whose time they let pass."""
+
+from inercal.host.sim.dynamics import FAULTS, Motion, Table
+
+
+class Controller:
+    """A `server.Device` that turns a table, but for its sessions.
+
+    Parameters
+    ----------
+    table : Table
+    """
+
+    def __init__(self, table: Table):
+        self.table = table
+
+    @property
+    def time(self) -> float:
+        """Bench time, s."""
+        return self.table.time
+
+    def advance(self, until: float) -> Motion:
+        """Let bench time pass; return the true motion of each servo cycle."""
+        return self.table.advance(until)
+
+    def fault(self, words: str) -> None:
+        """Set a fault of the table in words, `amplifier 2` or `frozen 1 off`: an axis from 1.
+
+        Raises
+        ------
+        ValueError
+            No such fault or axis; the message says what is possible.
+        """
+        count = len(self.table.axes)
+        match words.split():
+            case [what, number, *state] if (
+                what in FAULTS
+                and number in map(str, range(1, count + 1))
+                and state in ([], ["on"], ["off"])
+            ):
+                self.table.fault(int(number) - 1, what, state != ["off"])
+            case _:
+                raise ValueError(
+                    f"no fault {words!r}; possible: {', '.join(FAULTS)}, an axis from 1 to "
+                    f"{count}, and on or off"
+                )
