@@ -11,17 +11,15 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from inercal.pipeline import Outcome
-from inercal.recording import Mark, Recording
+from inercal.recording import Array, Mark, Recording
 from inercal.report import drawing
 from inercal.report.drawing import AXES, BAND, FAINT, INK, MUTED, WARN, svg
 from inercal.report.figures import KINDS
 from inercal.segments import FoundRests, scatter
 from inercal.sensors import Sensor
 
-Array = NDArray[np.float64]
 POINTS = 2400  # of each channel, at most
 
 

@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.benches.forces import directions
 from inercal.methods.centrifuge_norm import closed, ml
@@ -24,9 +23,8 @@ from inercal.studies.centrifuge.experiment import (
     steps,
 )
 from inercal.studies.claim import Claim, judge, shown
-from inercal.studies.section import Section, Table
+from inercal.studies.section import Array, Section, Table
 
-Array = NDArray[np.float64]
 ARM = 0.02  # m
 RELATIVE = 1e-5  # error of the centripetal acceleration
 PRINTED = np.array([  # |ΔS|, |Δb|, |ΔD| of x, y, z

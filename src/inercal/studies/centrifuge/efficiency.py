@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.methods.centrifuge_norm import closed
 from inercal.methods.centrifuge_norm.plans import RATES
@@ -20,9 +19,8 @@ from inercal.studies.centrifuge.experiment import (
 )
 from inercal.studies.centrifuge.trials import ESTIMATORS, Trials
 from inercal.studies.claim import Claim, judge, shown
-from inercal.studies.section import Chart, Line, Panel, Section, Table
+from inercal.studies.section import Array, Chart, Line, Panel, Section, Table
 
-Array = NDArray[np.float64]
 TERMS = 13
 _SINGULAR = 1e-10
 

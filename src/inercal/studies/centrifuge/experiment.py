@@ -11,7 +11,6 @@ from math import cos, pi, sin
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.benches.centrifuge.arm import felt_vector
 from inercal.benches.centrifuge.bench import Centrifuge
@@ -23,9 +22,9 @@ from inercal.methods.centrifuge_norm.plans import RATES, plan
 from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import Readout, Sensor, triad
+from inercal.studies.section import Array
 from inercal.units import Measured
 
-Array = NDArray[np.float64]
 G = 9.8  # m/s², the source's unit of g
 NOISE = 1e-5  # V, said to be in each reading
 LATITUDE = 39 * pi / 180  # rad, said and then ignored

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.methods.centrifuge_norm import closed, ml
 from inercal.studies.centrifuge import experiment
@@ -29,9 +28,8 @@ from inercal.studies.centrifuge.experiment import (
     turned,
 )
 from inercal.studies.claim import Claim, judge, shown
-from inercal.studies.section import Chart, Line, Panel, Section, Table
+from inercal.studies.section import Array, Chart, Line, Panel, Section, Table
 
-Array = NDArray[np.float64]
 ANGLES = np.array([2e-4, 4e-4, 6e-4, 8e-4, 10e-4])
 NAMES = {"S": "scale factor", "b": "bias", "D": "D"}
 SMALL = tuple(

@@ -12,9 +12,8 @@ from inercal.methods.centrifuge_norm.screening import Suspect, screen
 from inercal.studies.centrifuge import experiment
 from inercal.studies.centrifuge.experiment import BENCH, TRUTH, outputs, steps
 from inercal.studies.claim import Claim, judge, shown
-from inercal.studies.section import Section, Table
+from inercal.studies.section import Array, Section, Table
 
-Array = NDArray[np.float64]
 _PLACE = 1e-6  # V, one unit in the last printed place
 _THRESHOLD, _SUSPECT = 2.385, 6.0  # deviations; 2.385: 95 % efficient for normal noise
 _SLIP = _PLACE  # the last digit may be cut or rounded

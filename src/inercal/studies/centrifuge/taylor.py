@@ -8,13 +8,11 @@ fit of Σ f² = A² + 1 with f so shortened, weighted as `ml` is.
 from math import comb
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.studies.centrifuge.experiment import TRUTH, G, force, outputs, steps
 from inercal.studies.claim import Claim, judge, shown
-from inercal.studies.section import Chart, Line, Panel, Section, Table
+from inercal.studies.section import Array, Chart, Line, Panel, Section, Table
 
-Array = NDArray[np.float64]
 ORDERS = (2, 3, 4, 5)
 _PASSES = 8
 

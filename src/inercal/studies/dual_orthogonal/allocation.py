@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.benches.dividing_head.bench import DividingHead
 from inercal.studies.claim import Claim, judge, shown
@@ -28,9 +27,8 @@ from inercal.studies.dual_orthogonal.experiment import (
     simulate,
 )
 from inercal.studies.dual_orthogonal.methods import FACES, METHODS, tried
-from inercal.studies.section import Chart, Line, Panel, Section, Table
+from inercal.studies.section import Array, Chart, Line, Panel, Section, Table
 
-Array = NDArray[np.float64]
 Found = Mapping[str, Mapping[str, Mapping[str, Array]]]
 """Errors by way, item and column."""
 BUDGET = 0.3  # µg

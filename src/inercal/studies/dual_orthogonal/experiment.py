@@ -11,7 +11,6 @@ from typing import NamedTuple
 from zlib import crc32
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.benches.dividing_head.bench import (
     Collimated,
@@ -26,9 +25,9 @@ from inercal.keys import CoefficientName
 from inercal.motion import Motion
 from inercal.recording import Observations
 from inercal.sensors import G0
+from inercal.studies.section import Array
 from inercal.units import Measured
 
-Array = NDArray[np.float64]
 ARCSEC = pi / 648_000  # rad
 MICRO = 1e-6
 SENSOR = mounted().with_coefficients("k0", "k1", "k2", "k3", "kip", "delta_o")

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.benches.dividing_head.bench import DividingHead, felt, positions
 from inercal.methods.dual_orthogonal.four_points import four_points
@@ -19,9 +18,8 @@ from inercal.studies.dual_orthogonal.experiment import (
     rms,
     simulate,
 )
-from inercal.studies.section import Chart, Line, Panel, Section, Table
+from inercal.studies.section import Array, Chart, Line, Panel, Section, Table
 
-Array = NDArray[np.float64]
 ANGLES = np.array([0.0, 50.0, 100.0, 200.0, 300.0, 400.0, 600.0])  # ″
 FULL = 300.0  # ″
 DRIFT = 0.1  # ″, of the base between the members of a pair

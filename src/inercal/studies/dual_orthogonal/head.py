@@ -3,14 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.studies.claim import Claim, judge, shown
 from inercal.studies.dual_orthogonal.experiment import Rms, ratio, rms
 from inercal.studies.dual_orthogonal.methods import FACES, tried
-from inercal.studies.section import Chart, Line, Panel, Section, Table
+from inercal.studies.section import Array, Chart, Line, Panel, Section, Table
 
-Array = NDArray[np.float64]
 HEADS = (0.5, 1.0, 3.0, 10.0)  # ″ rms
 SHOWN = ("single", "dual, Bayes", "patent", "joint", FACES)
 

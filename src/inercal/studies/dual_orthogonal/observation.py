@@ -7,7 +7,6 @@ to the fourth. Products of coefficients are neglected there.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.keys import CoefficientName
 from inercal.methods.dual_orthogonal import square
@@ -27,9 +26,8 @@ from inercal.studies.dual_orthogonal.experiment import (
     simulate,
 )
 from inercal.studies.dual_orthogonal.methods import FACES, tried
-from inercal.studies.section import Section, Table
+from inercal.studies.section import Array, Section, Table
 
-Array = NDArray[np.float64]
 HARMONICS = ("1", "sin θ", "cos θ", "sin 2θ", "cos 2θ", "sin 3θ", "cos 3θ", "cos 4θ")
 SHOWN = ("dual, Bayes", "patent", "joint", FACES)
 _SINGULAR = 1e-10

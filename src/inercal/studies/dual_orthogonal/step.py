@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from math import pi, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.benches.dividing_head.bench import Index, positions
 from inercal.benches.dividing_head.passes import near
@@ -21,9 +20,8 @@ from inercal.studies.dual_orthogonal.experiment import (
 )
 from inercal.studies.dual_orthogonal.methods import FACES, tried
 from inercal.studies.dual_orthogonal.observation import rank
-from inercal.studies.section import Chart, Line, Panel, Section, Table
+from inercal.studies.section import Array, Chart, Line, Panel, Section, Table
 
-Array = NDArray[np.float64]
 COUNTS = (6, 7, 8, 9, 10, 12, 16, 18, 24)
 WITHIN = range(9, 19)  # positions of whole turns in steps from 40° to 20°
 BEST = 12

@@ -3,16 +3,14 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.sensors import G0
 from inercal.studies.claim import Claim, judge, shown
-from inercal.studies.section import Chart, Line, Panel, Section, Table
+from inercal.studies.section import Array, Chart, Line, Panel, Section, Table
 from inercal.studies.ship_model.estimators import NONE, Compared
 from inercal.studies.ship_model.experiment import MILLI, errors, median, part
 from inercal.studies.ship_model.ship_motion import IRREGULAR, PLACE, REGULAR, Felt, feel
 
-Array = NDArray[np.float64]
 WAVES = {"regular": REGULAR, "irregular": IRREGULAR}
 SHOWN = (NONE, "planar", "damped", "joint")
 _RATE, _SECONDS = 10.0, 400.0

@@ -4,13 +4,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.methods.ship_multi_angle import damped, joint, planar, planar_norm
 from inercal.methods.ship_multi_angle.norms import residual, rows
 from inercal.sensors.affine import IDEAL, Affine
 from inercal.studies.claim import shown
-from inercal.studies.section import Section, Table
+from inercal.studies.section import Array, Section, Table
 from inercal.studies.ship_model.experiment import (
     MILLI,
     SENSOR,
@@ -23,7 +22,6 @@ from inercal.studies.ship_model.experiment import (
     vector_rms,
 )
 
-Array = NDArray[np.float64]
 ESTIMATORS = {"planar": planar, "damped": damped, "planar_norm": planar_norm, "joint": joint}
 NONE, NAIVE = "uncalibrated", "Gauss–Newton"
 _STEPS, _LOST = 20, 1e6  # of θ

@@ -1,13 +1,12 @@
 """The planar calibration: what its deviations show, and what makes it err at tilted poses."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.benches.rate_table.fixture import PLANES, RPM, planar_plan
 from inercal.methods.ship_planar import level
 from inercal.sensors.affine import Affine
 from inercal.studies.claim import Claim, judge, shown
-from inercal.studies.section import Chart, Line, Panel, Section
+from inercal.studies.section import Array, Chart, Line, Panel, Section
 from inercal.studies.ship_model.estimators import NONE, Compared
 from inercal.studies.ship_model.experiment import (
     EXACT,
@@ -24,7 +23,6 @@ from inercal.studies.ship_model.experiment import (
     simulate,
 )
 
-Array = NDArray[np.float64]
 ITSELF = Claim("the deviation at the calibrated states proves it accurate: rms error on fresh "
                "poses over that deviation", "conclusion 1", 1.0, "", "≤",
                basis="words")  # fmt: skip

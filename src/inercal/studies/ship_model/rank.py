@@ -4,7 +4,6 @@ from math import radians
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.benches.rate_table.fixture import About, Reading, multi_angle_plan
 from inercal.frames import exp_so3
@@ -15,7 +14,6 @@ from inercal.studies.claim import Claim, judge, shown
 from inercal.studies.section import Section, Table
 from inercal.studies.ship_model.experiment import SENSOR, said
 
-Array = NDArray[np.float64]
 _TURN = radians(30)
 PLANS: dict[str, tuple[Reading, About]] = {
     "azimuth": ("azimuth", "tangential"),

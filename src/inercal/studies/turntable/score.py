@@ -4,13 +4,12 @@ from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.keys import CoefficientName
+from inercal.studies.section import Array
 from inercal.studies.turntable.experiment import ARCSEC, DEG_MIN, MICRO_G, PPM, SENSOR
 from inercal.studies.turntable.filters import Found
 
-Array = NDArray[np.float64]
 Kind = Literal["bias", "scale", "misalignment"]
 KINDS: dict[Kind, tuple[str, ...]] = {
     "bias": ("bias", "k0"),
