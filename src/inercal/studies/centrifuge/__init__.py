@@ -1,7 +1,7 @@
 """The study of Wang and Li 2021: accelerometers on a precision centrifuge by norm observation.
 
-Each module takes one question: the printed claims as data, what comes out, and the section of the
-page that shows both.
+Each module takes one question: what comes out, and the section of the page that shows it. Its
+words, and the claims that it judges, stand in the TOML file of the section's name.
 """
 
 from inercal.studies.centrifuge import (

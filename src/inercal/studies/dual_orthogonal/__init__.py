@@ -1,7 +1,8 @@
 """The study of CN101852817A: two orthogonal accelerometers on a dividing head, by g² observation.
 
 The patent prints claims and no data, so that a simulated bench has to answer. Each module takes
-one question: the claims as data, what comes out, and the section of the page that shows both.
+one question: what comes out, and the section of the page that shows it. Its words, and the claims
+that it judges, stand in the TOML file of the section's name.
 """
 
 from inercal.studies.dual_orthogonal import (

@@ -1,8 +1,9 @@
 """The study of Xiao, Liu and Liu 2014: a ship model's accelerometer on a home-made rate table.
 
 The paper prints conclusions and no data, and its formulas are lost in the copy at hand, so that a
-simulated table has to answer. Each module takes one question: the claims as data, what comes out,
-and the section of the page that shows both.
+simulated table has to answer. Each module takes one question: what comes out, and the section of
+the page that shows it. Its words, and the claims that it judges, stand in the TOML file of the
+section's name.
 """
 
 from inercal.studies.section import Say, Study

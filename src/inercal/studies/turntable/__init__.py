@@ -1,8 +1,9 @@
 """The study of Liu, Cui, Zhang and Xu: an IMU on a turntable by two Kalman filters in half an hour.
 
 The paper prints bounds on the errors of one device, neither noise nor table, and its formulas are
-lost in the copy at hand: a simulated table has to answer. Each module takes one question: the
-claims as data, what comes out, and the section of the page that shows both.
+lost in the copy at hand: a simulated table has to answer. Each module takes one question: what
+comes out, and the section of the page that shows it. Its words, and the claims that it judges,
+stand in the TOML file of the section's name.
 """
 
 from inercal.studies.section import Say, Study
