@@ -103,7 +103,9 @@ def test_the_printed_column_holds_printed_numbers_alone(basis: Basis):
     assert "In print" not in implied.why
 
 
-FILES = sorted(Path(studies.__file__).parent.glob("*/*.toml"))
+FILES = sorted(
+    path for path in Path(studies.__file__).parent.glob("*/*.toml") if path.stem != "study"
+)
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: f"{path.parent.name}.{path.stem}")

@@ -1,21 +1,24 @@
-"""What a section says in words: its title and text, and the claims of the source that it judges.
+"""What a study says in words, from TOML files beside the modules that compute its figures.
 
-They stand in a TOML file beside the module that computes the figures, named as the section::
+A file named as a section holds its title and text, and the claims of the source that it judges::
 
     title = "Planar: a calibration that validates itself"
     text = ["A paragraph; a figure stands in braces: {across} mg."]
 
     [claims.itself]
     name = "what is said, and the other fields of `Claim`"
+
+study.toml holds what the page says above all sections.
 """
 
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
+from typing import Any
 
 from inercal.studies.claim import Claim, Finding, judge
-from inercal.studies.section import Chart, Section, Table
+from inercal.studies.section import Chart, Section, Study, Table
 
 
 @dataclass(frozen=True)
@@ -53,13 +56,29 @@ class Words:
 
 def words_of(package: str, name: str) -> Words:
     """Return the words of a section by the package of its study and its name."""
-    stored = files(package).joinpath(f"{name}.toml").read_text(encoding="utf-8")
-    content = tomllib.loads(stored)
+    content = _stored(package, name)
     claims = {
         key: Claim(**fields | {"name": _one_line(fields["name"])})
         for key, fields in content.get("claims", {}).items()
     }
     return Words(name, content["title"], [_one_line(text) for text in content["text"]], claims)
+
+
+def study_of(package: str, sections: Sequence[Section], **figures: object) -> Study:
+    """Return the study of a package, its facts with the figures that they name."""
+    content = _stored(package, "study")
+    return Study(
+        content["name"],
+        content["title"],
+        _one_line(content["source"]),
+        _one_line(content["summary"]),
+        [(name, "\n".join(text).format(**figures)) for name, text in content["facts"].items()],
+        sections,
+    )
+
+
+def _stored(package: str, name: str) -> dict[str, Any]:
+    return tomllib.loads(files(package).joinpath(f"{name}.toml").read_text(encoding="utf-8"))
 
 
 def _one_line(text: str) -> str:
