@@ -35,10 +35,4 @@ def run(trials: int, seed: int, say: Say) -> Study:
     say("Table 3: lever arms, earth's rate, acceleration")
     third = bench.section(clean, repeated.bound, max(trials // SHARE, 20), seed)
     sections = (first, second, fourth, third, orders, printed, bounds)
-    return study_of(
-        __name__,
-        sections,
-        trials=trials,
-        of_ml=len(repeated.error["ml"]),
-        seed=seed,
-    )
+    return study_of(__name__, sections, trials=trials, of_ml=len(repeated.error["ml"]), seed=seed)

@@ -121,5 +121,5 @@ def section(trials: Trials) -> Section:
         least_worse=shown(float((trials.std('paper') / trials.bound)[2].min())),
         most_worse=shown(float((trials.std('paper') / trials.bound)[2].max())),
         better_scale=best[0, 1],
-        better_bend=best[2, 1],
+        better_bend=best[2, 1]
     )  # fmt: skip

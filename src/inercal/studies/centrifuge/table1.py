@@ -91,11 +91,7 @@ def section() -> Section:
             f"{int((felt < -1e-9).sum())} of {felt.size} components of the design are negative; "
             "the right root is the one with f → −Δ as D → 0, the printed one"),
     )  # fmt: skip
-    return WORDS.section(
-        findings,
-        (_table(found, design, lost),),
-        sound=one_shot(found),
-    )
+    return WORDS.section(findings, (_table(found, design, lost),), sound=one_shot(found))
 
 
 def _table(found: Printed, design: Array, lost: NDArray[np.bool_]) -> Table:

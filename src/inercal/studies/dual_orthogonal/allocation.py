@@ -131,12 +131,7 @@ def section(trials: int, seed: int) -> Section:
         WORDS.judge("leaning", leaning.value, leaning.u,
             f"what a lean of {LEAN:g}″ adds to the coefficient that it moves most, k1 + K3"),
     )  # fmt: skip
-    return WORDS.section(
-        findings,
-        (_table(found, moving),),
-        (_chart(found),),
-        pier=PIER,
-    )
+    return WORDS.section(findings, (_table(found, moving),), (_chart(found),), pier=PIER)
 
 
 def _table(found: Found, moving: Mapping[str, Rms]) -> Table:

@@ -27,10 +27,4 @@ def run(trials: int, seed: int, say: Say) -> Study:
     sections.append(estimators.section(found, reached, searches))
     say("the model in waves")
     sections.append(check.section(found))
-    return study_of(
-        __name__,
-        sections,
-        devices=devices,
-        searches=searches,
-        seed=seed,
-    )
+    return study_of(__name__, sections, devices=devices, searches=searches, seed=seed)

@@ -24,6 +24,4 @@ def section(found: Compared) -> Section:
             f"{shown(vectors[1].value)} mg before, {shown(vectors[0].value)} mg after; of "
             f"{worse:.0%} of the devices it is worse"),
     )  # fmt: skip
-    return WORDS.section(
-        findings,
-    )
+    return WORDS.section(findings)

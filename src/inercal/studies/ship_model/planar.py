@@ -68,10 +68,7 @@ def section(found: Compared) -> Section:
             f"{said_mg['left']} mg would be left, by noise"),
     )  # fmt: skip
     return WORDS.section(
-        findings,
-        (),
-        (_by_speed(found), _by_group(found)),
-        across=shown(POSE / MILLI),
+        findings, (), (_by_speed(found), _by_group(found)), across=shown(POSE / MILLI)
     )
 
 

@@ -48,10 +48,7 @@ def section(found: Trials) -> Section:
             *over(held[HELD].misalignment, held[BY_STEPS].misalignment),
             told["a"]),
     )  # fmt: skip
-    return WORDS.section(
-        findings,
-        (_table(lasting, gyros, held),),
-    )
+    return WORDS.section(findings, (_table(lasting, gyros, held),))
 
 
 def _table(lasting: dict[str, float], gyros: dict[str, Score], held: dict[str, Score]) -> Table:
