@@ -61,12 +61,13 @@ def run(
     """Carry out the plan of a run file, and calibrate from what it leaves."""
     from datetime import datetime
 
+    from inercal.cli.show import opened
     from inercal.host.folder import begin
     from inercal.runfile import read
 
     options = of_runs(speed, patience, temperature)
     plan = read(run_file)
-    kept = _opened(register)
+    kept = opened(register)
     folder = out or Path(f"{run_file.stem}-{datetime.now():%Y%m%d-%H%M%S}")
     made, journal = begin(folder, plan, (table, imu, clock))
     with journal, made.kept_if_begun():
@@ -86,22 +87,14 @@ def resume(
     json: _Json = False,
 ) -> None:
     """Go on with a run that was interrupted: the step that was in hand is repeated whole."""
+    from inercal.cli.show import opened
     from inercal.host.folder import resumed
 
     options = of_runs(speed, patience, temperature)
-    kept = _opened(register)
+    kept = opened(register)
     made, journal = resumed(folder, (table, imu, clock))
     with journal:
         _go(made, journal, options, json, kept)
-
-
-def _opened(address: str | None) -> "Register | None":
-    """Open the register that is asked for: one that is not there is said before anything moves."""
-    if address is None:
-        return None
-    from inercal.store import Register
-
-    return Register(address)
 
 
 def _go(
@@ -113,7 +106,7 @@ def _go(
 ) -> None:
     """Carry out what is left of a run, and finish it; a register is told of it, if there is one."""
     from inercal.calibration.files import as_object
-    from inercal.cli.show import as_json, as_table, leave, working
+    from inercal.cli.show import as_json, as_table, leave, print_written, working
     from inercal.host.entering import Keeper
     from inercal.host.finish import finish
 
@@ -131,8 +124,7 @@ def _go(
         as_json(as_object(outcome.calibration) | files)
     else:
         as_table(outcome, folder.run.truth)
-        for path in files.values():
-            print(f"wrote {path}")
+        print_written(files)
     leave(outcome)
 
 

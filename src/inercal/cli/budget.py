@@ -24,9 +24,9 @@ def run(
     from inercal.budget import budget
     from inercal.budget.as_object import as_object
     from inercal.budget.of_run import experiment_of
-    from inercal.cli.show import as_json, working
+    from inercal.cli.show import as_json, print_written, working
     from inercal.errors import InputError
-    from inercal.io.atomic import atomic_write
+    from inercal.io.atomic import write_text
     from inercal.report import write_budget
     from inercal.runfile import read
 
@@ -54,16 +54,13 @@ def run(
         method = {"method": plan.method.name, "estimator": plan.estimator}
         content = as_object(found) | method
         write_budget(found, page, f"method {plan.method.name} · estimator {plan.estimator}")
-        with atomic_write(result) as temporary:
-            text = dumps(content, indent=1, ensure_ascii=False) + "\n"
-            temporary.write_text(text, encoding="utf-8")
+        write_text(result, dumps(content, indent=1, ensure_ascii=False) + "\n")
     files = {"budget_file": str(result), "page": str(page)}
     if json:
         as_json(content | files)
         return
     _print(found)
-    for path in files.values():
-        print(f"wrote {path}")
+    print_written(files)
 
 
 def _print(found: "Budget") -> None:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from inercal.methods.ship_multi_angle.evolution import Generation
     from inercal.pipeline import Outcome
     from inercal.runfile import Run
+    from inercal.store import Register
 
 
 _COLOURS = {"good": "green", "care": "yellow", "bad": "red"}
@@ -69,6 +70,35 @@ def told(generation: "Generation") -> str:
         f"generation {generation.number}, sum of squares {generation.cost:.3g} g⁴, largest error "
         f"of a norm {100 * generation.worst:.2g} %"
     )
+
+
+def require_free(path: "Path", *, force: bool) -> None:
+    """Refuse to write over a file that exists, unless by `force`.
+
+    Raises
+    ------
+    InputError
+        It exists.
+    """
+    from inercal.errors import InputError
+
+    if path.exists() and not force:
+        raise InputError(f"{path} exists: name another with --out, or write over it with --force")
+
+
+def print_written(files: "Mapping[str, Path | str]") -> None:
+    """Say which files were written."""
+    for path in files.values():
+        print(f"wrote {path}")
+
+
+def opened(address: str | None) -> "Register | None":
+    """Open the register that is asked for: one that is not there is said before the work."""
+    if address is None:
+        return None
+    from inercal.store import Register
+
+    return Register(address)
 
 
 def as_json(content: Mapping[str, Any] | Sequence[Any]) -> None:

@@ -35,14 +35,6 @@ QUANTITIES = ("S", "b", "D")
 UNITS = {"S": "V/g", "b": "g", "D": "1/g"}
 
 
-def _no_arms() -> Array:
-    return np.zeros((3, 3))
-
-
-def _orthogonal() -> Array:
-    return np.eye(3)
-
-
 @dataclass(frozen=True, eq=False)
 class Triad:
     """Three accelerometers.
@@ -60,8 +52,8 @@ class Triad:
     scale: Array
     bias: Array
     bend: Array
-    axes: Array = field(default_factory=_orthogonal)
-    arms: Array = field(default_factory=_no_arms)
+    axes: Array = field(default_factory=lambda: np.eye(3))
+    arms: Array = field(default_factory=lambda: np.zeros((3, 3)))
 
     @property
     def values(self) -> Array:
