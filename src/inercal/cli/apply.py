@@ -5,6 +5,8 @@ from pathlib import Path
 
 import typer
 
+from inercal.cli.show import as_json, require_free, working
+
 NAME = "apply"
 
 
@@ -19,7 +21,6 @@ def run(
 ) -> None:
     """Correct a recording: specific force in m/s², angular rate in rad/s."""
     from inercal.calibration.files import load
-    from inercal.cli.show import as_json, require_free, working
     from inercal.errors import InputError
     from inercal.io.write import write_recording
     from inercal.pipeline import apply

@@ -16,6 +16,7 @@ from inercal.cli.bench_options import (
     above_zero,
     of_runs,
 )
+from inercal.cli.show import as_json, as_table, leave, opened, print_written, working
 
 if TYPE_CHECKING:
     from inercal.host.entering import Keeper
@@ -61,7 +62,6 @@ def run(
     """Carry out the plan of a run file, and calibrate from what it leaves."""
     from datetime import datetime
 
-    from inercal.cli.show import opened
     from inercal.host.folder import begin
     from inercal.runfile import read
 
@@ -87,7 +87,6 @@ def resume(
     json: _Json = False,
 ) -> None:
     """Go on with a run that was interrupted: the step that was in hand is repeated whole."""
-    from inercal.cli.show import opened
     from inercal.host.folder import resumed
 
     options = of_runs(speed, patience, temperature)
@@ -106,7 +105,6 @@ def _go(
 ) -> None:
     """Carry out what is left of a run, and finish it; a register is told of it, if there is one."""
     from inercal.calibration.files import as_object
-    from inercal.cli.show import as_json, as_table, leave, print_written, working
     from inercal.host.entering import Keeper
     from inercal.host.finish import finish
 
@@ -141,7 +139,6 @@ def _carried_out(
     """Have the plan carried out; return what was found while it was."""
     from inercal.cli.bench_keys import keys
     from inercal.cli.bench_view import viewing
-    from inercal.cli.show import working
     from inercal.host.addresses import layout_of_address
     from inercal.host.carry import Interrupted, carried_out
     from inercal.host.compile import compiled

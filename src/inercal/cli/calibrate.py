@@ -5,6 +5,17 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from inercal.cli.show import (
+    as_json,
+    as_table,
+    drawn_if_refused,
+    leave,
+    opened,
+    print_written,
+    told,
+    working,
+)
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -33,16 +44,6 @@ def run(
     from contextlib import nullcontext
 
     from inercal.calibration.files import as_object, save
-    from inercal.cli.show import (
-        as_json,
-        as_table,
-        drawn_if_refused,
-        leave,
-        opened,
-        print_written,
-        told,
-        working,
-    )
     from inercal.errors import InputError
     from inercal.io.atomic import written_together
     from inercal.io.means import write_means

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import typer
 
+from inercal.cli.show import as_json, as_table, leave, print_written
+
 NAME = "demo"
 
 
@@ -17,7 +19,6 @@ def run(
     """Drive a simulated table and IMU through a whole calibration, with the truth beside it."""
     from inercal.calibration.files import as_object
     from inercal.cli.bench_view import STOP, viewing
-    from inercal.cli.show import as_json, as_table, leave, print_written
     from inercal.demonstration import demo
     from inercal.host.folder import require_free
     from inercal.host.simulated import STARTING

@@ -5,7 +5,7 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from inercal.cli.show import print_written, require_free
+from inercal.cli.show import number, print_written, require_free
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -61,11 +61,8 @@ def print_known(run: "Run", parts: Sequence[Sequence["Known"]], console: "Consol
     from inercal.calibration.verdict import COVERAGE
     from inercal.units import digits
 
-    table = Table(title=f"to expect of {run.sensor.name}: {run.method.name}, {run.estimator}")
-    table.add_column("coefficient")
-    table.add_column("meaning")
-    table.add_column("U (k = 2)", justify="right")
-    table.add_column("unit")
+    title = f"to expect of {run.sensor.name}: {run.method.name}, {run.estimator}"
+    table = Table("coefficient", "meaning", number("U (k = 2)"), "unit", title=title)
     for part in parts:
         for one in part:
             known = isfinite(one.std)

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from inercal.cli.plan_sheet import files_of, known_as_object, print_known, print_sheet_written
+from inercal.cli.show import as_json, working
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -25,7 +26,6 @@ def plan_worksheet(
     NotObserved
         Coefficients that the plan leaves open.
     """
-    from inercal.cli.show import as_json, working
     from inercal.design.worksheet import as_csv, sheet_of, worksheet
     from inercal.io.atomic import write_text
     from inercal.report import write_worksheet

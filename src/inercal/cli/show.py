@@ -11,6 +11,8 @@ from inercal.keys import CoefficientName
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from rich.table import Column
+
     from inercal.methods.ship_multi_angle.evolution import Generation
     from inercal.pipeline import Outcome
     from inercal.runfile import Run
@@ -107,6 +109,13 @@ def as_json(content: Mapping[str, Any] | Sequence[Any]) -> None:
     sys.stdout.write("\n")
 
 
+def number(heading: str) -> "Column":
+    """Return a column of numbers, which stand to the right."""
+    from rich.table import Column
+
+    return Column(heading, justify="right")
+
+
 def as_table(outcome: "Outcome", truth: Mapping[str, float]) -> None:
     """Print the coefficients with U (k = 2), and the error over u where the truth is known."""
     from rich.console import Console
@@ -117,14 +126,10 @@ def as_table(outcome: "Outcome", truth: Mapping[str, float]) -> None:
     from inercal.units import digits
 
     calibration = outcome.calibration
-    table = Table(title=f"{calibration.sensor.name}: {calibration.method}, {calibration.estimator}")
-    table.add_column("coefficient")
-    table.add_column("meaning")
-    for heading in ("value", "U (k = 2)"):
-        table.add_column(heading, justify="right")
-    table.add_column("unit")
-    if truth:
-        table.add_column("error / u", justify="right")
+    heads = ["coefficient", "meaning", number("value"), number("U (k = 2)"), "unit"]
+    heads += [number("error / u")] if truth else []
+    title = f"{calibration.sensor.name}: {calibration.method}, {calibration.estimator}"
+    table = Table(*heads, title=title)
     previous, true = "", in_frame_of(calibration, truth)
     for name, value, std in zip(
         calibration.sensor.coefficients, calibration.values, calibration.std, strict=True

@@ -4,6 +4,8 @@ from pathlib import Path
 
 import typer
 
+from inercal.cli.show import as_json, require_free, working
+
 NAME = "simulate"
 
 
@@ -20,7 +22,6 @@ def run(
     json: bool = typer.Option(False, "--json", help="Print one JSON object."),
 ) -> None:
     """Simulate the recording that the run's plan would leave."""
-    from inercal.cli.show import as_json, require_free, working
     from inercal.io.write import write_recordings
     from inercal.pipeline import simulate_files
     from inercal.runfile import read
