@@ -7,16 +7,9 @@ import numpy as np
 
 from inercal.estimate import Estimate
 from inercal.studies.claim import shown
-from inercal.studies.dual_orthogonal.experiment import (
-    COLUMNS,
-    Case,
-    Rms,
-    bench,
-    errors,
-    rms,
-    simulate,
-)
+from inercal.studies.dual_orthogonal.experiment import COLUMNS, Case, bench, errors, simulate
 from inercal.studies.dual_orthogonal.methods import FACES, METHODS
+from inercal.studies.rms import Rms, rms
 from inercal.studies.section import Chart, Line, Panel, Section, Table
 from inercal.studies.words import words_of
 

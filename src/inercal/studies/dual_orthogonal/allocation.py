@@ -20,13 +20,12 @@ from inercal.studies.dual_orthogonal.experiment import (
     MICRO,
     NOISE,
     SIZES,
-    Rms,
     bench,
     errors,
-    rms,
     simulate,
 )
 from inercal.studies.dual_orthogonal.methods import FACES, METHODS, tried
+from inercal.studies.rms import Rms, rms
 from inercal.studies.section import Array, Chart, Line, Panel, Section, Table
 from inercal.studies.words import words_of
 

@@ -7,7 +7,6 @@ quantity that errs is drawn by its name: benches of other sizes meet the same dr
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import pi
-from typing import NamedTuple
 from zlib import crc32
 
 import numpy as np
@@ -25,6 +24,7 @@ from inercal.keys import CoefficientName
 from inercal.motion import Motion
 from inercal.recording import Observations
 from inercal.sensors import G0
+from inercal.studies.rms import Rms
 from inercal.studies.section import Array
 from inercal.units import Measured
 
@@ -115,10 +115,8 @@ class Case:
 
 def in_order(truth: dict[str, Array]) -> Array:
     """Return coefficients by term, (..., 2) in natural units, as the sensor's, (..., 12) SI."""
-    columns: list[Array] = []
-    for name in SENSOR.coefficients:
-        axis, term = CoefficientName(name).parts
-        columns.append(NATURAL[term] * truth[term][..., "ab".index(axis)])
+    parts = [CoefficientName(name).parts for name in SENSOR.coefficients]
+    columns = [NATURAL[term] * truth[term][..., "ab".index(axis)] for axis, term in parts]
     return np.stack(columns, axis=-1)
 
 
@@ -179,20 +177,6 @@ def errors(found: Estimate, case: Case) -> dict[str, Array]:
     delta = off["delta_o"][:, 1] - off["delta_o"][:, 0]
     values = (off["k0"], off["k1"], delta, off["k2"], off["k3"], off["kip"], off["k1"] + off["k3"])
     return dict(zip(COLUMNS, values, strict=True))
-
-
-class Rms(NamedTuple):
-    """A root of a mean square and its Monte Carlo error."""
-
-    value: float
-    u: float
-
-
-def rms(error: Array) -> Rms:
-    """Return the RMS of errors, (trials, ...), of which those of one trial may be correlated."""
-    square = np.mean(error.reshape(len(error), -1) ** 2, axis=1)
-    value = float(np.sqrt(square.mean()))
-    return Rms(value, float(square.std() / np.sqrt(len(square)) / (2 * value)) if value else 0.0)
 
 
 def ratio(error: Array, other: Array) -> Rms:

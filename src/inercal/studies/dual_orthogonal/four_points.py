@@ -9,15 +9,8 @@ from inercal.methods.dual_orthogonal.four_points import four_points
 from inercal.motion import Motion
 from inercal.sensors import G0
 from inercal.studies.claim import shown
-from inercal.studies.dual_orthogonal.experiment import (
-    ARCSEC,
-    MICRO,
-    SENSOR,
-    SIZES,
-    bench,
-    rms,
-    simulate,
-)
+from inercal.studies.dual_orthogonal.experiment import ARCSEC, MICRO, SENSOR, SIZES, bench, simulate
+from inercal.studies.rms import rms
 from inercal.studies.section import Array, Chart, Line, Panel, Section, Table
 from inercal.studies.words import words_of
 

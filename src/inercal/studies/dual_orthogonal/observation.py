@@ -19,13 +19,12 @@ from inercal.studies.dual_orthogonal.experiment import (
     SENSOR,
     SIZES,
     Case,
-    Rms,
     bench,
     ratio,
-    rms,
     simulate,
 )
 from inercal.studies.dual_orthogonal.methods import FACES, tried
+from inercal.studies.rms import Rms, rms
 from inercal.studies.section import Array, Section, Table
 from inercal.studies.words import words_of
 

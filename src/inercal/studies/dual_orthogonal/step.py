@@ -11,15 +11,10 @@ from inercal.benches.dividing_head.passes import near
 from inercal.errors import NotObserved
 from inercal.methods.dual_orthogonal import square
 from inercal.studies.claim import shown
-from inercal.studies.dual_orthogonal.experiment import (
-    JUDGED,
-    NOISE,
-    Rms,
-    ratio,
-    rms,
-)
+from inercal.studies.dual_orthogonal.experiment import JUDGED, NOISE, ratio
 from inercal.studies.dual_orthogonal.methods import FACES, tried
 from inercal.studies.dual_orthogonal.observation import rank
+from inercal.studies.rms import Rms, rms
 from inercal.studies.section import Array, Chart, Line, Panel, Section, Table
 from inercal.studies.words import words_of
 

@@ -6,9 +6,10 @@ import numpy as np
 
 from inercal.sensors import G0
 from inercal.studies.claim import Finding, shown
+from inercal.studies.rms import Rms
 from inercal.studies.section import Chart, Line, Panel, Section
 from inercal.studies.turntable.experiment import ARW, MICRO_G, PPM
-from inercal.studies.turntable.score import KINDS, Rms, Score, places, score
+from inercal.studies.turntable.score import KINDS, Score, places, score
 from inercal.studies.turntable.trials import BY_STEPS, REST, Trials, reached
 from inercal.studies.words import words_of
 

@@ -3,10 +3,11 @@
 from inercal.benches.turntable.paths import discrete, fast, paper
 from inercal.benches.turntable.simulation import seconds_on_turntable
 from inercal.studies.claim import shown
+from inercal.studies.rms import Rms
 from inercal.studies.section import Section, Table
 from inercal.studies.turntable.accuracy import FULL, HELD, OWN
 from inercal.studies.turntable.experiment import TABLE
-from inercal.studies.turntable.score import Rms, Score, score
+from inercal.studies.turntable.score import Score, score
 from inercal.studies.turntable.trials import BY_STEPS, Trials
 from inercal.studies.words import words_of
 
