@@ -2,9 +2,12 @@
 
 from dataclasses import fields
 from math import inf, nan, sqrt
+from pathlib import Path
+from typing import get_args
 
 import pytest
 
+from inercal import studies
 from inercal.studies.claim import (
     LIMIT,
     Basis,
@@ -16,6 +19,7 @@ from inercal.studies.claim import (
     judge,
     shown,
 )
+from inercal.studies.words import words_of
 
 
 def verdict(printed: float, computed: float, u: float, relation: Relation = "=") -> Verdict:
@@ -97,3 +101,20 @@ def test_the_printed_column_holds_printed_numbers_alone(basis: Basis):
     assert implied.expectation == printed.expectation == "≤ 2"
     assert implied.verdict == printed.verdict == "false"
     assert "In print" not in implied.why
+
+
+FILES = sorted(
+    path for path in Path(studies.__file__).parent.glob("*/*.toml") if path.stem != "study"
+)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: f"{path.parent.name}.{path.stem}")
+def test_each_stored_claim_is_what_its_type_says(path: Path):
+    stored = words_of(f"inercal.studies.{path.parent.name}", path.stem)
+    for claim in stored.claims.values():
+        assert isinstance(claim.expected, float)
+        assert isinstance(claim.last_digit, float)
+        assert claim.relation in get_args(Relation)
+        assert claim.kind in ("result", "statement")
+        assert claim.basis in get_args(Basis)
+        assert all((claim.name, claim.where, stored.title, *stored.text))

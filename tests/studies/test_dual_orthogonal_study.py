@@ -22,8 +22,9 @@ from inercal.studies.dual_orthogonal import (
     observation,
     step,
 )
-from inercal.studies.dual_orthogonal.experiment import ARCSEC, COLUMNS, LARGE, ratio, rms
+from inercal.studies.dual_orthogonal.experiment import ARCSEC, COLUMNS, LARGE, ratio
 from inercal.studies.dual_orthogonal.methods import FACES, tried
+from inercal.studies.rms import rms
 
 TABLE = {
     "single": (9.84, 17.3, 8.5, 10.2, 17.9, 10.3, 1.65),

@@ -86,7 +86,7 @@ def test_scores_are_those_of_errors_made_by_hand():
 
 def test_an_rms_states_how_it_scatters():
     draws = np.random.default_rng(1).standard_normal((400, 50, 3))
-    made = [score.rms(one) for one in draws]
+    made = [score.rms(one, ddof=1) for one in draws]
     scatter = np.std([one.value for one in made])
     assert np.mean([one.u for one in made]) == pytest.approx(scatter, rel=0.1)
 

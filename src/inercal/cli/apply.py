@@ -5,6 +5,8 @@ from pathlib import Path
 
 import typer
 
+from inercal.cli.show import as_json, require_free, working
+
 NAME = "apply"
 
 
@@ -19,7 +21,6 @@ def run(
 ) -> None:
     """Correct a recording: specific force in m/s², angular rate in rad/s."""
     from inercal.calibration.files import load
-    from inercal.cli.show import as_json, working
     from inercal.errors import InputError
     from inercal.io.write import write_recording
     from inercal.pipeline import apply
@@ -29,8 +30,7 @@ def run(
     plan = read(run_file)
     if out.resolve() == plan.file(plan.data.file).resolve():
         raise InputError(f"{out} is the recording itself: give the corrected one another name")
-    if out.exists() and not force:
-        raise InputError(f"{out} exists: name another with --out, or write over it with --force")
+    require_free(out, force=force)
     with working(f"correcting {plan.data.file}"):
         corrected = apply(calibration, plan)
         write_recording(corrected, out)

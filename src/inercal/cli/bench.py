@@ -16,6 +16,7 @@ from inercal.cli.bench_options import (
     above_zero,
     of_runs,
 )
+from inercal.cli.show import as_json, as_table, leave, opened, print_written, working
 
 if TYPE_CHECKING:
     from inercal.host.entering import Keeper
@@ -66,7 +67,7 @@ def run(
 
     options = of_runs(speed, patience, temperature)
     plan = read(run_file)
-    kept = _opened(register)
+    kept = opened(register)
     folder = out or Path(f"{run_file.stem}-{datetime.now():%Y%m%d-%H%M%S}")
     made, journal = begin(folder, plan, (table, imu, clock))
     with journal, made.kept_if_begun():
@@ -89,19 +90,10 @@ def resume(
     from inercal.host.folder import resumed
 
     options = of_runs(speed, patience, temperature)
-    kept = _opened(register)
+    kept = opened(register)
     made, journal = resumed(folder, (table, imu, clock))
     with journal:
         _go(made, journal, options, json, kept)
-
-
-def _opened(address: str | None) -> "Register | None":
-    """Open the register that is asked for: one that is not there is said before anything moves."""
-    if address is None:
-        return None
-    from inercal.store import Register
-
-    return Register(address)
 
 
 def _go(
@@ -113,7 +105,6 @@ def _go(
 ) -> None:
     """Carry out what is left of a run, and finish it; a register is told of it, if there is one."""
     from inercal.calibration.files import as_object
-    from inercal.cli.show import as_json, as_table, leave, working
     from inercal.host.entering import Keeper
     from inercal.host.finish import finish
 
@@ -131,8 +122,7 @@ def _go(
         as_json(as_object(outcome.calibration) | files)
     else:
         as_table(outcome, folder.run.truth)
-        for path in files.values():
-            print(f"wrote {path}")
+        print_written(files)
     leave(outcome)
 
 
@@ -149,7 +139,6 @@ def _carried_out(
     """Have the plan carried out; return what was found while it was."""
     from inercal.cli.bench_keys import keys
     from inercal.cli.bench_view import viewing
-    from inercal.cli.show import working
     from inercal.host.addresses import layout_of_address
     from inercal.host.carry import Interrupted, carried_out
     from inercal.host.compile import compiled

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from inercal.cli.bench_options import TABLE
+from inercal.cli.show import as_json
 
 if TYPE_CHECKING:
     from inercal.benches import Turntable
@@ -26,7 +27,6 @@ def devices(
     """Say what is connected: serial ports, what an IMU sends, how a table is set. Nothing moves."""
     from dataclasses import asdict
 
-    from inercal.cli.show import as_json
     from inercal.host import devices
     from inercal.host.device_lines import of_imu, of_ports, of_table
 

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from math import degrees
 from typing import TYPE_CHECKING
 
+from inercal.cli.show import number
 from inercal.keys import CoefficientName
 
 if TYPE_CHECKING:
@@ -66,9 +67,8 @@ def panel(run: "BenchRun", keys: str = KEYS) -> "RenderableType":
     from rich.text import Text
 
     head = Text(_progress(run), style="bold")
-    axes = Table(box=None, padding=(0, 2, 0, 0))
-    for name in ("axis", "angle", "rate", "following error", ""):
-        axes.add_column(name, justify="left" if name in ("axis", "") else "right")
+    heads = map(number, ("angle", "rate", "following error"))
+    axes = Table("axis", *heads, "", box=None, padding=(0, 2, 0, 0))
     if run.state is not None:
         for name, axis in zip(run.axes, run.state.axes, strict=True):
             axes.add_row(
@@ -135,9 +135,8 @@ def _found(run: "BenchRun") -> "list[RenderableType]":
         part = run.sensor.only(kind)
         if not part.coefficients:
             continue
-        table = Table(box=None, padding=(0, 2, 0, 0))
-        for heading in ("", *(axis.name for axis in part.axes), ""):
-            table.add_column(heading, justify="right" if heading else "left")
+        heads = (number(axis.name) for axis in part.axes)
+        table = Table("", *heads, "", box=None, padding=(0, 2, 0, 0))
         for own in dict.fromkeys(CoefficientName(name).term for name in part.coefficients):
             cells = [_cell(run, f"{axis.name}.{own}", values) for axis in part.axes]
             unit = part.coefficient(f"{part.axes[0].name}.{own}").unit

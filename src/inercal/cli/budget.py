@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from inercal.cli.show import as_json, number, print_written, working
+
 if TYPE_CHECKING:
     from inercal.budget import Budget
 
@@ -24,9 +26,8 @@ def run(
     from inercal.budget import budget
     from inercal.budget.as_object import as_object
     from inercal.budget.of_run import experiment_of
-    from inercal.cli.show import as_json, working
     from inercal.errors import InputError
-    from inercal.io.atomic import atomic_write
+    from inercal.io.atomic import write_text
     from inercal.report import write_budget
     from inercal.runfile import read
 
@@ -54,16 +55,13 @@ def run(
         method = {"method": plan.method.name, "estimator": plan.estimator}
         content = as_object(found) | method
         write_budget(found, page, f"method {plan.method.name} · estimator {plan.estimator}")
-        with atomic_write(result) as temporary:
-            text = dumps(content, indent=1, ensure_ascii=False) + "\n"
-            temporary.write_text(text, encoding="utf-8")
+        write_text(result, dumps(content, indent=1, ensure_ascii=False) + "\n")
     files = {"budget_file": str(result), "page": str(page)}
     if json:
         as_json(content | files)
         return
     _print(found)
-    for path in files.values():
-        print(f"wrote {path}")
+    print_written(files)
 
 
 def _print(found: "Budget") -> None:
@@ -73,13 +71,9 @@ def _print(found: "Budget") -> None:
     from inercal.budget.rows import rows, shift_cells
 
     sensor, console = found.experiment.sensor, Console()
-    table = Table(title=f"error budget of {sensor.name}: standard deviations")
-    table.add_column("coefficient")
-    table.add_column("imperfection")
-    for heading in ("first order", "Monte Carlo", "±"):
-        table.add_column(heading, justify="right")
-    table.add_column("unit")
-    table.add_column("share", justify="right")
+    numbers = map(number, ("first order", "Monte Carlo", "±"))
+    title = f"error budget of {sensor.name}: standard deviations"
+    table = Table("coefficient", "imperfection", *numbers, "unit", number("share"), title=title)
     for k, name in enumerate(sensor.coefficients):
         unit = sensor.coefficient(name).unit
         for j, row in enumerate(rows(found, k)):
@@ -91,11 +85,8 @@ def _print(found: "Budget") -> None:
     console.print(table)
     if not found.shifts:
         return
-    moved = Table(title="if left uncorrected")
-    moved.add_column("coefficient")
-    for one in found.shifts:
-        moved.add_column(f"{one.name}\n{one.value}", justify="right")
-    moved.add_column("unit")
+    shifts = [number(f"{one.name}\n{one.value}") for one in found.shifts]
+    moved = Table("coefficient", *shifts, "unit", title="if left uncorrected")
     for k, name in enumerate(sensor.coefficients):
         moved.add_row(name, *shift_cells(found, k), sensor.coefficient(name).unit)
     console.print(moved)

@@ -5,11 +5,21 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from inercal.cli.show import (
+    as_json,
+    as_table,
+    drawn_if_refused,
+    leave,
+    opened,
+    print_written,
+    told,
+    working,
+)
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from inercal.runfile import Run
-    from inercal.store import Register
 
 NAME = "calibrate"
 
@@ -34,7 +44,6 @@ def run(
     from contextlib import nullcontext
 
     from inercal.calibration.files import as_object, save
-    from inercal.cli.show import as_json, as_table, drawn_if_refused, leave, told, working
     from inercal.errors import InputError
     from inercal.io.atomic import written_together
     from inercal.io.means import write_means
@@ -44,10 +53,8 @@ def run(
     if not out.is_dir():
         raise InputError(f"{out}: no such folder to write to")
     plan = read(run_file)
-    # Before all else: a register that is not there is said before the work.
-    opened = nullcontext() if register is None else _opened(register)
     doing = f"calibrating {plan.sensor.name} from {plan.data.file}"
-    with opened as kept, working(doing) as say:
+    with opened(register) or nullcontext() as kept, working(doing) as say:
         with drawn_if_refused(plan, out / f"{run_file.stem}.refused.html" if with_report else None):
             outcome = calibrate(plan, lambda generation: say(f"{doing}: {told(generation)}"))
         names = {"calibration_file": "calibration.json", "report": "report.html"}
@@ -76,8 +83,7 @@ def run(
         as_json(as_object(outcome.calibration) | {kind: str(path) for kind, path in files.items()})
     else:
         as_table(outcome, plan.truth)
-        for path in files.values():
-            print(f"wrote {path}")
+        print_written(files)
     leave(outcome, strict=strict)
 
 
@@ -91,9 +97,3 @@ def _require_apart(plan: "Run", tables: "Sequence[Path]") -> None:
                 f"{path} is the recording, and a table of it would be written over it: rename one "
                 "of recording and run file"
             )
-
-
-def _opened(address: str) -> "Register":
-    from inercal.store import Register
-
-    return Register(address)

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import typer
 
+from inercal.cli.show import as_json, as_table, leave, print_written
+
 NAME = "demo"
 
 
@@ -17,7 +19,6 @@ def run(
     """Drive a simulated table and IMU through a whole calibration, with the truth beside it."""
     from inercal.calibration.files import as_object
     from inercal.cli.bench_view import STOP, viewing
-    from inercal.cli.show import as_json, as_table, leave
     from inercal.demonstration import demo
     from inercal.host.folder import require_free
     from inercal.host.simulated import STARTING
@@ -34,6 +35,5 @@ def run(
     as_table(shown.outcome, shown.truth)
     print(f"{shown.seconds / 60:.1f} minutes of the bench in {shown.seconds / shown.speed:.0f} s")
     print(f"normalised error squared against the truth: {shown.nees:.2f} (1 is expected)")
-    for path in shown.files.values():
-        print(f"wrote {path}")
+    print_written(shown.files)
     leave(shown.outcome)

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from inercal.cli.show import as_json, number, working
+
 if TYPE_CHECKING:
     from inercal.design import Expected
 
@@ -96,7 +98,6 @@ def _keys(name: str, positions: int | None, seconds: float | None) -> dict[str, 
 
 
 def _plan_by_hand(run_file: Path | None, keys: dict[str, object], *, json: bool) -> None:
-    from inercal.cli.show import as_json, working
     from inercal.design import rehearse, typical
     from inercal.runfile import read
 
@@ -133,16 +134,13 @@ def _print(expected: "Expected") -> None:
     from inercal.units import digits
 
     sensor, console = expected.sensor, Console()
-    steps = Table(title=f"{len(expected.steps)} rests, {expected.seconds:.0f} s in all")
-    for heading in ("rest", "attitude", "hold for"):
-        steps.add_column(heading)
+    title = f"{len(expected.steps)} rests, {expected.seconds:.0f} s in all"
+    steps = Table("rest", "attitude", "hold for", title=title)
     for step in expected.steps:
         steps.add_row(step.label, step.in_words(), f"{step.seconds:g} s")
     console.print(steps)
-    found = Table(title=f"to expect of {sensor.name}")
-    found.add_column("coefficient")
-    found.add_column("U (k = 2)", justify="right")
-    found.add_column("unit")
+    title = f"to expect of {sensor.name}"
+    found = Table("coefficient", number("U (k = 2)"), "unit", title=title)
     for name, std in zip(sensor.coefficients, expected.std, strict=True):
         line = sensor.coefficient(name)
         found.add_row(name, digits(0.0, COVERAGE * float(std) / line.si)[1], line.unit)

@@ -5,6 +5,8 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from inercal.cli.show import number, print_written, require_free
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -29,25 +31,13 @@ def files_of(out: Path, *, page: bool, force: bool) -> dict[str, Path]:
     for path in files.values():
         if path.is_dir():
             raise InputError(f"{path} is a folder; name another with --out")
-        if path.exists() and not force:
-            raise InputError(
-                f"{path} exists: name another with --out, or write over it with --force"
-            )
+        require_free(path, force=force)
     return files
 
 
-def write_text(path: Path, text: str) -> None:
-    """Write a file whole or not at all."""
-    from inercal.io.atomic import atomic_write
-
-    with atomic_write(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
-
-
-def print_written(files: dict[str, Path]) -> None:
+def print_sheet_written(files: dict[str, Path]) -> None:
     """Say which files were written, and how the table is used."""
-    for path in files.values():
-        print(f"wrote {path}")
+    print_written(files)
     if "sheet" in files:
         name = files["sheet"].name
         print(
@@ -71,11 +61,8 @@ def print_known(run: "Run", parts: Sequence[Sequence["Known"]], console: "Consol
     from inercal.calibration.verdict import COVERAGE
     from inercal.units import digits
 
-    table = Table(title=f"to expect of {run.sensor.name}: {run.method.name}, {run.estimator}")
-    table.add_column("coefficient")
-    table.add_column("meaning")
-    table.add_column("U (k = 2)", justify="right")
-    table.add_column("unit")
+    title = f"to expect of {run.sensor.name}: {run.method.name}, {run.estimator}"
+    table = Table("coefficient", "meaning", number("U (k = 2)"), "unit", title=title)
     for part in parts:
         for one in part:
             known = isfinite(one.std)

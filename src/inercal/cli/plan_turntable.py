@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from inercal.cli.plan_sheet import known_as_object, print_known
+from inercal.cli.show import as_json, number, working
 
 if TYPE_CHECKING:
     from inercal.design.on_turntable import PathSheet
@@ -20,7 +21,6 @@ def plan_path(
     InputError
         `out`, since there is no table to fill; what `worksheet` refuses.
     """
-    from inercal.cli.show import as_json, working
     from inercal.design.on_turntable import worksheet
     from inercal.errors import InputError
     from inercal.runfile import read
@@ -70,12 +70,8 @@ def _print(sheet: "PathSheet") -> None:
     from rich.table import Table
 
     console = Console()
-    table = Table(title=f"{len(sheet.rows)} steps, {sheet.seconds / 60:.3g} min in all")
-    table.add_column("row", justify="right")
-    table.add_column("label")
-    table.add_column("what the table does")
-    for heading in ("move", "for"):
-        table.add_column(heading, justify="right")
+    heads = (number("row"), "label", "what the table does", number("move"), number("for"))
+    table = Table(*heads, title=f"{len(sheet.rows)} steps, {sheet.seconds / 60:.3g} min in all")
     for row in sheet.rows:
         what = row.step.in_words().replace("-", "−")
         move = f"{row.move:.1f} s" if row.move else ""

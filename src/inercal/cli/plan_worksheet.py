@@ -4,13 +4,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from inercal.cli.plan_sheet import (
-    files_of,
-    known_as_object,
-    print_known,
-    print_written,
-    write_text,
-)
+from inercal.cli.plan_sheet import files_of, known_as_object, print_known, print_sheet_written
+from inercal.cli.show import as_json, working
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -31,8 +26,8 @@ def plan_worksheet(
     NotObserved
         Coefficients that the plan leaves open.
     """
-    from inercal.cli.show import as_json, working
     from inercal.design.worksheet import as_csv, sheet_of, worksheet
+    from inercal.io.atomic import write_text
     from inercal.report import write_worksheet
     from inercal.runfile import read
 
@@ -49,7 +44,7 @@ def plan_worksheet(
         as_json(_as_object(made) | {kind: str(path) for kind, path in files.items()})
         return
     _print(made)
-    print_written(files)
+    print_sheet_written(files)
 
 
 def _as_object(made: "Worksheet") -> dict[str, Any]:

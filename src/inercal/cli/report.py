@@ -4,6 +4,8 @@ from pathlib import Path
 
 import typer
 
+from inercal.cli.show import as_json, drawn_if_refused, leave, told, working
+
 NAME = "report"
 
 
@@ -20,7 +22,6 @@ def run(
     The exit status is 0, or 3 where the page is written but the result is not to be relied on.
     """
     from inercal.calibration.verdict_object import as_object
-    from inercal.cli.show import as_json, drawn_if_refused, leave, told, working
     from inercal.pipeline import calibrate
     from inercal.report import write_report
     from inercal.runfile import read

@@ -11,9 +11,12 @@ from inercal.keys import CoefficientName
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from rich.table import Column
+
     from inercal.methods.ship_multi_angle.evolution import Generation
     from inercal.pipeline import Outcome
     from inercal.runfile import Run
+    from inercal.store import Register
 
 
 _COLOURS = {"good": "green", "care": "yellow", "bad": "red"}
@@ -71,10 +74,46 @@ def told(generation: "Generation") -> str:
     )
 
 
+def require_free(path: "Path", *, force: bool) -> None:
+    """Refuse to write over a file that exists, unless by `force`.
+
+    Raises
+    ------
+    InputError
+        It exists.
+    """
+    from inercal.errors import InputError
+
+    if path.exists() and not force:
+        raise InputError(f"{path} exists: name another with --out, or write over it with --force")
+
+
+def print_written(files: "Mapping[str, Path | str]") -> None:
+    """Say which files were written."""
+    for path in files.values():
+        print(f"wrote {path}")
+
+
+def opened(address: str | None) -> "Register | None":
+    """Open the register that is asked for: one that is not there is said before the work."""
+    if address is None:
+        return None
+    from inercal.store import Register
+
+    return Register(address)
+
+
 def as_json(content: Mapping[str, Any] | Sequence[Any]) -> None:
     """Print one object or list on standard output."""
     json.dump(content, sys.stdout, indent=1, ensure_ascii=False)
     sys.stdout.write("\n")
+
+
+def number(heading: str) -> "Column":
+    """Return a column of numbers, which stand to the right."""
+    from rich.table import Column
+
+    return Column(heading, justify="right")
 
 
 def as_table(outcome: "Outcome", truth: Mapping[str, float]) -> None:
@@ -87,14 +126,10 @@ def as_table(outcome: "Outcome", truth: Mapping[str, float]) -> None:
     from inercal.units import digits
 
     calibration = outcome.calibration
-    table = Table(title=f"{calibration.sensor.name}: {calibration.method}, {calibration.estimator}")
-    table.add_column("coefficient")
-    table.add_column("meaning")
-    for heading in ("value", "U (k = 2)"):
-        table.add_column(heading, justify="right")
-    table.add_column("unit")
-    if truth:
-        table.add_column("error / u", justify="right")
+    heads = ["coefficient", "meaning", number("value"), number("U (k = 2)"), "unit"]
+    heads += [number("error / u")] if truth else []
+    title = f"{calibration.sensor.name}: {calibration.method}, {calibration.estimator}"
+    table = Table(*heads, title=title)
     previous, true = "", in_frame_of(calibration, truth)
     for name, value, std in zip(
         calibration.sensor.coefficients, calibration.values, calibration.std, strict=True

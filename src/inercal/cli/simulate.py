@@ -4,6 +4,8 @@ from pathlib import Path
 
 import typer
 
+from inercal.cli.show import as_json, require_free, working
+
 NAME = "simulate"
 
 
@@ -20,8 +22,6 @@ def run(
     json: bool = typer.Option(False, "--json", help="Print one JSON object."),
 ) -> None:
     """Simulate the recording that the run's plan would leave."""
-    from inercal.cli.show import as_json, working
-    from inercal.errors import InputError
     from inercal.io.write import write_recordings
     from inercal.pipeline import simulate_files
     from inercal.runfile import read
@@ -32,10 +32,7 @@ def run(
     if out is not None:
         paths = [out, *(out.parent / path.name for path in paths[1:])]
     for there in paths:
-        if there.exists() and not force:
-            raise InputError(
-                f"{there} exists: name another with --out, or write over it with --force"
-            )
+        require_free(there, force=force)
     written = " and ".join(map(str, paths))
     with working(f"simulating {written}"):
         made = simulate_files(plan, seed)

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from inercal.cli.show import as_json
+
 if TYPE_CHECKING:
     from inercal.calibration import Calibration
     from inercal.store import Register
@@ -35,7 +37,6 @@ def list_(
 ) -> None:
     """List the sensors, how often each was calibrated, when last, and who entered it."""
     from inercal.cli import store_objects, store_view
-    from inercal.cli.show import as_json
     from inercal.store import Register
 
     with Register(register) as opened:
@@ -61,7 +62,6 @@ def show(
 ) -> None:
     """Show a sensor with its calibrations and runs, or one calibration with all that is kept."""
     from inercal.cli import store_objects, store_view
-    from inercal.cli.show import as_json
     from inercal.store import Register
 
     with Register(register) as opened:
@@ -104,7 +104,6 @@ def history(
 ) -> None:
     """Show how a sensor's coefficients change: E_n of each calibration, drift, and a verdict."""
     from inercal.cli import store_objects, store_view
-    from inercal.cli.show import as_json
     from inercal.store import Register
 
     with Register(register) as opened:
@@ -131,7 +130,6 @@ def diff(
 ) -> None:
     """Compare two calibrations, coefficient by coefficient and all together."""
     from inercal.cli import store_objects, store_view
-    from inercal.cli.show import as_json
     from inercal.store.comparison import compare
 
     both = [_calibration(one, register) for one in (first, second)]
@@ -156,7 +154,6 @@ def import_(
     json: _Json = False,
 ) -> None:
     """Enter calibrations and runs, each whole or not at all; what is there already stays."""
-    from inercal.cli.show import as_json
     from inercal.errors import InercalError, InputError
     from inercal.store import Register
 

@@ -46,6 +46,19 @@ def atomic_write(path: str | os.PathLike[str]) -> Generator[Path]:
         temporary.unlink(missing_ok=True)
 
 
+def write_text(path: str | os.PathLike[str], text: str) -> Path:
+    """Write a file of text, UTF-8, whole or not at all; return its path.
+
+    Raises
+    ------
+    InputError
+        As `atomic_write` raises it.
+    """
+    with atomic_write(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return Path(path)
+
+
 @contextmanager
 def written_together(targets: Sequence[Path]) -> Generator[list[Path]]:
     """Give temporary paths for files of one folder; all are renamed when the block succeeds.

@@ -1,11 +1,10 @@
 """Times of samples from the counter of their packets."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from inercal.errors import InputError
-
-Array = NDArray[np.float64]
+from inercal.io.table import Array
 
 
 def from_counter(counter: ArrayLike, modulus: int, rate_hz: float) -> Array:

@@ -11,17 +11,15 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.errors import InputError
 from inercal.io.atomic import atomic_write
 from inercal.io.read import Columns, read_table
-from inercal.io.table import Table, shortened
+from inercal.io.table import Array, Table, shortened
 from inercal.recording import Observations
 from inercal.sensors import Axis, Sensor
 from inercal.units import to_si
 
-Array = NDArray[np.float64]
 _ROWS = 4  # fewer may well agree to the last digit
 SD = "_sd"  # behind the name of a column: its standard deviation
 

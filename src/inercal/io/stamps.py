@@ -10,13 +10,11 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.errors import InputError
-from inercal.io.table import shortened
+from inercal.io.table import Array, shortened
 from inercal.units import factor
 
-Array = NDArray[np.float64]
 SLOWEST_HZ, FASTEST_HZ = 1.0, 50e3  # of recordings; beyond them the unit is wrong
 _UNSTATED_HZ = 5.0  # where the unit is not stated: 1 to 5 kHz in ms would pass for 1 to 5 Hz
 _ROUNDING = 1e-6  # of a rate: stamps of few digits

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from inercal.budget import Budget
 from inercal.design.worksheet import Worksheet
 from inercal.errors import brought_by
-from inercal.io.atomic import atomic_write
+from inercal.io.atomic import write_text
 from inercal.pipeline import Outcome
 from inercal.pipeline.refused import Seen
 from inercal.sensors import Sensor
@@ -44,7 +44,7 @@ def write_report(
     """
     with _extras():
         from inercal.report.page import page
-    return _write(path, page(outcome, truth, history))
+    return write_text(path, page(outcome, truth, history))
 
 
 def write_refusal(seen: Seen, sensor: Sensor, message: str, path: str | Path) -> Path:
@@ -65,7 +65,7 @@ def write_refusal(seen: Seen, sensor: Sensor, message: str, path: str | Path) ->
     """
     with _extras():
         from inercal.report.refusal import page
-    return _write(path, page(seen, sensor, message))
+    return write_text(path, page(seen, sensor, message))
 
 
 def write_history(history: "History", path: str | Path) -> Path:
@@ -81,7 +81,7 @@ def write_history(history: "History", path: str | Path) -> Path:
     InputError
         matplotlib or jinja2 is missing, or the file cannot be written.
     """
-    return _write(path, history_page(history))
+    return write_text(path, history_page(history))
 
 
 def history_page(history: "History") -> str:
@@ -114,7 +114,7 @@ def write_budget(budget: Budget, path: str | Path, under: str = "") -> Path:
     """
     with _extras():
         from inercal.report.budget import page
-    return _write(path, page(budget, under))
+    return write_text(path, page(budget, under))
 
 
 def write_worksheet(sheet: Worksheet, path: str | Path, table: str) -> Path:
@@ -134,18 +134,12 @@ def write_worksheet(sheet: Worksheet, path: str | Path, table: str) -> Path:
     """
     with _extras():
         from inercal.report.worksheet import page
-    return _write(path, page(sheet, table))
+    return write_text(path, page(sheet, table))
 
 
 def _extras() -> AbstractContextManager[None]:
     packages = ("matplotlib", "jinja2", "markupsafe")
     return brought_by("report", "reports need matplotlib and jinja2", packages)
-
-
-def _write(path: str | Path, text: str) -> Path:
-    with atomic_write(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
-    return Path(path)
 
 
 __all__ = [

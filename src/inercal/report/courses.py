@@ -18,12 +18,11 @@ from inercal.calibration.verdict import COVERAGE
 from inercal.estimate import Course, Smoothed
 from inercal.keys import CoefficientName
 from inercal.pipeline import Outcome
-from inercal.recording import Track
+from inercal.recording import Array, Track
 from inercal.report import drawing
 from inercal.report.drawing import AXES, BAND, FAINT, WARN, svg
 from inercal.sensors import G0, Sensor
 
-Array = NDArray[np.float64]
 POINTS = 290
 """Of each line, at most."""
 _STYLES = ("-", "--", ":")

@@ -12,15 +12,14 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from inercal.estimate import Estimate
 from inercal.keys import CoefficientName
 from inercal.pipeline import Outcome
+from inercal.recording import Array
 from inercal.report import drawing
 from inercal.report.drawing import AXES, BAND, FAINT, INK, MINUS, PAPER, PLUS, SHAPES, X, Y, Z, svg
 
-Array = NDArray[np.float64]
 KINDS = {"f": ("Accelerometers", "µg", 9.80665e-6), "w": ("Gyros", "°/h", np.pi / 648_000)}
 BEYOND = 2.0
 """Standard deviations that are shaded."""

@@ -9,16 +9,15 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
-from numpy.typing import NDArray
 
 from inercal.calibration.verdict import COVERAGE
+from inercal.recording import Array
 from inercal.report import drawing
 from inercal.report.drawing import BAND, FAINT, INK, MUTED, PAPER, WARN, Z, svg
 from inercal.store import History
 from inercal.store.changes import YEAR
 from inercal.store.history import Course
 
-Array = NDArray[np.float64]
 _HEIGHT, _BELOW = 1.3, 0.4  # inches
 _COLUMNS = 2
 _PAD = 0.04  # of the time that is shown

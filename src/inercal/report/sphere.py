@@ -10,14 +10,13 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
-from numpy.typing import NDArray
 
 from inercal.benches.report import Direction
 from inercal.plan import Hold, Rotation, Turn, direction
+from inercal.recording import Array
 from inercal.report import drawing
 from inercal.report.drawing import BAND, FAINT, INK, MUTED, PAPER, WARN, Z, svg
 
-Array = NDArray[np.float64]
 FACES = tuple(tuple(sign * row) for row in np.eye(3) for sign in (1.0, -1.0))
 _ON_FACE = cos(25 * pi / 180)  # a hold within 25° covers the face
 _FACE = cos(10 * pi / 180)  # a nominal attitude further from every face was not one

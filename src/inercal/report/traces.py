@@ -11,17 +11,15 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from inercal.pipeline import Outcome
-from inercal.recording import Mark, Recording
+from inercal.recording import Array, Mark, Recording
 from inercal.report import drawing
 from inercal.report.drawing import AXES, BAND, FAINT, INK, MUTED, WARN, svg
 from inercal.report.figures import KINDS
 from inercal.segments import FoundRests, scatter
 from inercal.sensors import Sensor
 
-Array = NDArray[np.float64]
 POINTS = 2400  # of each channel, at most
 
 
@@ -61,22 +59,36 @@ def stack(height: float, count: int, seconds: float) -> tuple[Figure, list[Axes]
 @drawing.style
 def traces(outcome: Outcome, recording: Recording) -> Markup:
     """Return the signals by kind of axis, sections shaded, the audit's ranges marked."""
-    sensor = outcome.calibration.sensor
+    figure, rows = _signals(recording, outcome.calibration.sensor, _used(outcome))
+    for axes, names in rows:
+        _mark(axes, outcome, recording, names)
+    _name(rows[0][0], outcome, recording)
+    return svg(figure, "traces", "Recorded signals with the marked sections")
+
+
+@drawing.style
+def signals(recording: Recording, sensor: Sensor, marks: Sequence[Mark]) -> Markup:
+    """Return the signals by kind of axis with some sections shaded."""
+    figure, _ = _signals(recording, sensor, marks)
+    return svg(figure, "signals", "Recorded signals with the rests that were found")
+
+
+def _signals(
+    recording: Recording, sensor: Sensor, marks: Sequence[Mark]
+) -> tuple[Figure, list[tuple[Axes, list[str]]]]:
+    """Return a figure of the signals, sections shaded, and its axes with their channels."""
     kinds = [kind for kind in KINDS if any(axis.measures == kind for axis in sensor.axes)]
     figure, rows = stack(1.6, len(kinds), recording.duration)
-    for axes, kind in zip(rows, kinds, strict=True):
-        names = [axis.name for axis in sensor.axes if axis.measures == kind]
+    channels = [[axis.name for axis in sensor.axes if axis.measures == kind] for kind in kinds]
+    for axes, kind, names in zip(rows, kinds, channels, strict=True):
         for k, name in enumerate(names):
-            column = recording.channels.index(name)
-            time, y = envelope(recording, column)
+            time, y = envelope(recording, recording.channels.index(name))
             axes.plot(time, y, color=AXES[k % 3], lw=0.7, label=name)
         title = KINDS[kind][0].lower()
         axes.set_ylabel(f"{title}, {recording.units[recording.channels.index(names[0])]}")
         drawing.key(axes)
-        _shade(axes, outcome, recording)
-        _mark(axes, outcome, recording, names)
-    _name(rows[0], outcome, recording)
-    return svg(figure, "traces", "Recorded signals with the marked sections")
+        _shade(axes, marks, recording)
+    return figure, list(zip(rows, channels, strict=True))
 
 
 def ranges(spans: list[tuple[int, int]], recording: Recording) -> list[tuple[float, float]]:
@@ -91,31 +103,12 @@ def ranges(spans: list[tuple[int, int]], recording: Recording) -> list[tuple[flo
     ]
 
 
-@drawing.style
-def signals(recording: Recording, sensor: Sensor, marks: Sequence[Mark]) -> Markup:
-    """Return the signals by kind of axis with some sections shaded."""
-    kinds = [kind for kind in KINDS if any(axis.measures == kind for axis in sensor.axes)]
-    figure, rows = stack(1.6, len(kinds), recording.duration)
-    spans = [(mark.start, mark.stop) for mark in marks]
-    for axes, kind in zip(rows, kinds, strict=True):
-        names = [axis.name for axis in sensor.axes if axis.measures == kind]
-        for k, name in enumerate(names):
-            time, y = envelope(recording, recording.channels.index(name))
-            axes.plot(time, y, color=AXES[k % 3], lw=0.7, label=name)
-        title = KINDS[kind][0].lower()
-        axes.set_ylabel(f"{title}, {recording.units[recording.channels.index(names[0])]}")
-        drawing.key(axes)
-        axes.broken_barh(ranges(spans, recording), (0, 1), fc=BAND, ec=FAINT, lw=0.5, zorder=0,
-                         transform=axes.get_xaxis_transform())  # fmt: skip
-    return svg(figure, "signals", "Recorded signals with the rests that were found")
-
-
 def _used(outcome: Outcome) -> list[Mark]:
     return [mark for mark in outcome.marks if mark.label in outcome.observations.labels]
 
 
-def _shade(axes: Axes, outcome: Outcome, recording: Recording) -> None:
-    spans = [(mark.start, mark.stop) for mark in _used(outcome)]
+def _shade(axes: Axes, marks: Sequence[Mark], recording: Recording) -> None:
+    spans = [(mark.start, mark.stop) for mark in marks]
     axes.broken_barh(ranges(spans, recording), (0, 1), fc=BAND, ec=FAINT, lw=0.5, zorder=0,
                      transform=axes.get_xaxis_transform())  # fmt: skip
 
@@ -158,7 +151,6 @@ def scatters(recording: Recording, sensor: Sensor, rests: FoundRests) -> Markup:
     stretch = -(-recording.time.size // POINTS)
     starts = np.arange(0, recording.time.size, stretch)
     time = recording.time[starts] - recording.time[0]
-    spans = [(mark.start, mark.stop) for mark in rests.marks]
     for axes, level in zip(rows, rests.levels, strict=True):
         values = scatter(recording, sensor, level.kind)
         axes.plot(time, np.maximum.reduceat(values, starts), color=INK, lw=0.7)
@@ -168,6 +160,5 @@ def scatters(recording: Recording, sensor: Sensor, rests: FoundRests) -> Markup:
         axes.yaxis.set_major_formatter("{x:g}")
         axes.minorticks_off()
         axes.set_ylabel(f"{KINDS[level.kind][0].lower()}, {level.unit}")
-        axes.broken_barh(ranges(spans, recording), (0, 1), fc=BAND, ec=FAINT, lw=0.5, zorder=0,
-                         transform=axes.get_xaxis_transform())  # fmt: skip
+        _shade(axes, rests.marks, recording)
     return svg(figure, "scatters", "Scatter over half a second, with the thresholds of rest")

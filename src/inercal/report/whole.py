@@ -20,11 +20,11 @@ from inercal.methods.turntable import model
 from inercal.methods.turntable_trajectory import METHOD
 from inercal.methods.turntable_trajectory.rows import Resting, Turning
 from inercal.pipeline import Outcome
+from inercal.recording import Array
 from inercal.report import drawing
 from inercal.report.drawing import BAND, FAINT, svg
 from inercal.report.figures import BEYOND, beyond, dots
 
-Array = NDArray[np.float64]
 _MOVES = "moves"  # what is between the steps
 
 

@@ -34,12 +34,11 @@ from math import erfc, sqrt
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import gammaincc, gammainccinv
 
 from inercal.calibration.verdict import COVERAGE
+from inercal.recording import Array
 
-Array = NDArray[np.float64]
 Verdict = Literal["steady", "drifts", "changed", "too few"]
 BY_CHANCE = erfc(COVERAGE / sqrt(2))
 """Part of all |E_n| that exceed 1 where nothing changed, 0.0455."""

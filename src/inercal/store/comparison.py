@@ -4,14 +4,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.calibration import Calibration
 from inercal.errors import InputError
+from inercal.recording import Array
 from inercal.store import changes
 from inercal.store.comparable import brought, held, recording_of
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

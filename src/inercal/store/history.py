@@ -7,17 +7,15 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.calibration import Calibration
 from inercal.errors import InputError
+from inercal.recording import Array
 from inercal.sensors.choose import choose
 from inercal.store import changes
 from inercal.store.comparable import brought, held, recording_of
 from inercal.store.comparison import compared
 from inercal.store.entries import CalibrationEntry, SensorEntry
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

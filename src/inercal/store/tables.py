@@ -26,12 +26,14 @@ metadata = MetaData(
 )
 
 
-def _entered() -> tuple[Column[str], Column[str]]:
+def _texts(*names: str) -> list[Column[str]]:
+    """Return columns of text that every row has."""
+    return [Column(name, String, nullable=False) for name in names]
+
+
+def _entered() -> list[Column[str]]:
     """Return who entered a row, and when."""
-    return (
-        Column("entered_by", String, nullable=False),
-        Column("entered_at", String, nullable=False),
-    )
+    return _texts("entered_by", "entered_at")
 
 
 sensor = Table(
@@ -58,11 +60,7 @@ run = Table(
     Column("key", String, nullable=False, unique=True),
     Column("sensor_id", Integer, ForeignKey("sensor.id"), nullable=False, index=True),
     Column("bench_id", Integer, ForeignKey("bench.id"), nullable=False),
-    Column("begun", String, nullable=False),
-    Column("state", String, nullable=False),
-    Column("table_address", String, nullable=False),
-    Column("imu_address", String, nullable=False),
-    Column("folder", String, nullable=False),
+    *_texts("begun", "state", "table_address", "imu_address", "folder"),
     *_entered(),
 )
 file = Table(
@@ -85,8 +83,7 @@ calibration = Table(
     Column("run_id", Integer, ForeignKey("run.id"), index=True),
     Column("measured", String, nullable=False),
     Column("measured_from", String, nullable=False),  # "stated", "run" or "created"
-    Column("method", String, nullable=False),
-    Column("estimator", String, nullable=False),
+    *_texts("method", "estimator"),
     Column("grade", String, nullable=False, server_default=""),  # of its verdict; empty if unknown
     Column("recording_sha256", String, nullable=False, index=True),  # empty where it names none
     Column("content", Text, nullable=False),  # the whole file, JSON

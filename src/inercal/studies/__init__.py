@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from inercal.errors import InputError, brought_by
-from inercal.io.atomic import atomic_write
+from inercal.io.atomic import write_text
 from inercal.studies.claim import Claim, Finding, judge
 from inercal.studies.section import Runner, Say, Study
 
@@ -92,10 +92,7 @@ def write_study(study: Study, folder: str | Path) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{folder}: cannot be made: {error.strerror}") from None
-    path = folder / f"{study.name}.study.html"
-    with atomic_write(path) as temporary:
-        temporary.write_text(page(study), encoding="utf-8")
-    return path
+    return write_text(folder / f"{study.name}.study.html", page(study))
 
 
 __all__ = ["STUDIES", "Claim", "Finding", "Study", "as_list", "judge", "reproduce", "write_study"]

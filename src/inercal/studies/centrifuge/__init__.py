@@ -1,7 +1,7 @@
 """The study of Wang and Li 2021: accelerometers on a precision centrifuge by norm observation.
 
-Each module takes one question: the printed claims as data, what comes out, and the section of the
-page that shows both.
+Each module takes one question: what comes out, and the section of the page that shows it. Its
+words, and the claims that it judges, stand in the TOML file of the section's name.
 """
 
 from inercal.studies.centrifuge import (
@@ -15,11 +15,7 @@ from inercal.studies.centrifuge import (
 )
 from inercal.studies.centrifuge.trials import SHARE, repeat
 from inercal.studies.section import Say, Study
-
-SOURCE = (
-    "Wang Shiming, Li Mengzhen, Navigation Positioning and Timing 8(6), 2021, "
-    "doi 10.19306/j.cnki.2095-8110.2021.06.019"
-)
+from inercal.studies.words import study_of
 
 
 def run(trials: int, seed: int, say: Say) -> Study:
@@ -39,21 +35,4 @@ def run(trials: int, seed: int, say: Say) -> Study:
     say("Table 3: lever arms, earth's rate, acceleration")
     third = bench.section(clean, repeated.bound, max(trials // SHARE, 20), seed)
     sections = (first, second, fourth, third, orders, printed, bounds)
-    return Study(
-        "centrifuge",
-        "Accelerometers on a centrifuge, by norm observation",
-        SOURCE,
-        "Twenty positions on the arm of a precision centrifuge at three rates give sixty readings "
-        "of three accelerometers; their norm alone is to give nine coefficients. What is printed "
-        "of it, formulas, numbers and claims, is recomputed here and judged from the numbers.",
-        (
-            ("Experiment", "R = 1 m, g = 9.8 m/s²\nω = 2π, 4π, 6π rad/s\n4.0, 16.1, 36.3 g"),
-            ("Noise", "10⁻⁵ V in each reading"),
-            (
-                "Monte Carlo",
-                f"{trials} trials of closed formulas\n{len(repeated.error['ml'])} of ml, "
-                f"seed {seed}",
-            ),
-        ),
-        sections,
-    )
+    return study_of(__name__, sections, trials=trials, of_ml=len(repeated.error["ml"]), seed=seed)

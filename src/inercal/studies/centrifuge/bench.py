@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.benches.forces import directions
 from inercal.methods.centrifuge_norm import closed, ml
@@ -24,9 +23,11 @@ from inercal.studies.centrifuge.experiment import (
     steps,
 )
 from inercal.studies.claim import Claim, judge, shown
-from inercal.studies.section import Section, Table
+from inercal.studies.section import Array, Section, Table
+from inercal.studies.words import words_of
 
-Array = NDArray[np.float64]
+WORDS = words_of("inercal.studies.centrifuge", "bench")
+
 ARM = 0.02  # m
 RELATIVE = 1e-5  # error of the centripetal acceleration
 PRINTED = np.array([  # |ΔS|, |Δb|, |ΔD| of x, y, z
@@ -34,11 +35,6 @@ PRINTED = np.array([  # |ΔS|, |Δb|, |ΔD| of x, y, z
     [5.012e-8, 7.918e-10, 4.682e-10],
     [8.117e-11, 2.289e-13, 1.863e-13],
 ])  # fmt: skip
-SMALL = tuple(
-    Claim(f"a lever arm of 2 cm changes {q} by less than 10⁻⁸, to be neglected",
-          "Abstract, Table 3", 1e-8, UNITS[q], "≤", last_digit=1e-8)
-    for q in QUANTITIES
-)  # fmt: skip
 # Of the nine components of three lever arms these act on the readings of the printed positions.
 ACTING = ("x.arm_i", "x.arm_o", "y.arm_i", "z.arm_i", "z.arm_p")
 
@@ -145,12 +141,12 @@ def section(clean: Array, bound: Array, trials: int, seed: int) -> Section:
         for i, q in reversed(list(enumerate(QUANTITIES)))
         for k, axis in enumerate(AXES)
     ]  # fmt: skip
-    for i, claim in enumerate(SMALL):
+    for i, q in enumerate(QUANTITIES):
         worst = np.abs(lever.paper[i]).max()
         findings.append(
-            judge(claim, worst, np.abs(clean[i]).max(),
-                  f"the largest error of three axes by (16) to (22); by ml "
-                  f"{shown(np.abs(lever.ml[i]).max())}")
+            WORDS.judge(f"small_{q}", worst, np.abs(clean[i]).max(),
+                f"the largest error of three axes by (16) to (22); by ml "
+                f"{shown(np.abs(lever.ml[i]).max())}")
         )  # fmt: skip
     rows = {
         "lever arms of B and C ignored: paper": lever.paper,
@@ -163,27 +159,19 @@ def section(clean: Array, bound: Array, trials: int, seed: int) -> Section:
         "acceleration off by 10⁻⁵ at random in each row: ml, scatter": own,
         "the same over the bound by noise alone": own / bound,
     }
-    return Section(
-        "bench",
-        "Table 3: lever arms ignored; and other errors of the bench",
-        (
-            "Axis A at the centre, B and C 2 cm out along their own directions: each sits at its "
-            "own radius, and feels ω² times its place more or less. The source does not say how "
-            f"its arms lie; the least error over {lever.arrangements} arrangements of one arm is "
-            "given with each finding.",
-            "With the attitudes known nominally, five components of the arms can be estimated, to "
-            f"{shown(lever.std.min() * 1e6)} to {shown(lever.std.max() * 1e6)} µm at 10⁻⁵ V; S, b "
-            f"and D are then right to {shown(lever.left)}.",
-            "Where a centripetal acceleration known to 10⁻⁵ errs from row "
-            f"to row it costs {shown((own / bound).min())} to {shown((own / bound).max())} times "
-            "what the noise does.",
-        ),
+    return WORDS.section(
         findings,
         (
             Table("Errors of S (V/g), b (g) and D (1/g)", "",
                   [f"{q}_a{axis}" for q in QUANTITIES for axis in AXES],
                   [(name, [shown(x) for x in value.ravel()]) for name, value in rows.items()]),
         ),
+        arrangements=lever.arrangements,
+        finest=shown(lever.std.min() * 1e6),
+        coarsest=shown(lever.std.max() * 1e6),
+        left=shown(lever.left),
+        least=shown((own / bound).min()),
+        most=shown((own / bound).max()),
     )  # fmt: skip
 
 

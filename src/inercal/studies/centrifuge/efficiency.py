@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.methods.centrifuge_norm import closed
 from inercal.methods.centrifuge_norm.plans import RATES
@@ -19,16 +18,14 @@ from inercal.studies.centrifuge.experiment import (
     steps,
 )
 from inercal.studies.centrifuge.trials import ESTIMATORS, Trials
-from inercal.studies.claim import Claim, judge, shown
-from inercal.studies.section import Chart, Line, Panel, Section, Table
+from inercal.studies.claim import shown
+from inercal.studies.section import Array, Chart, Line, Panel, Section, Table
+from inercal.studies.words import words_of
 
-Array = NDArray[np.float64]
+WORDS = words_of("inercal.studies.centrifuge", "efficiency")
+
 TERMS = 13
 _SINGULAR = 1e-10
-
-ENOUGH = Claim("N ≥ 4n + 2 = 54 positions determine 13 terms: rank at N = 60",
-               "before (15)", float(TERMS), "", "≥", basis="words")  # fmt: skip
-NEEDED = Claim("at least 54 positions are needed for 13 terms", "before (15)", 54.0, "", "≥")
 
 
 def rank(spins: tuple[Spin, ...]) -> tuple[int, float]:
@@ -81,30 +78,16 @@ def section(trials: Trials) -> Section:
     ratio = trials.std("ml") / trials.bound
     fewest = len(twice) if of_twice == TERMS else len(thrice)
     findings = (
-        judge(ENOUGH, of_once, 0.0,
-              f"{len(once)} dwells at one rate have rank {of_once} of {TERMS}"),
-        judge(NEEDED, fewest, 0.0,
-              f"{len(twice)} dwells at two rates have rank {of_twice} of {TERMS}: the rates and "
-              "the attitudes decide, and the condition number says how well"),
+        WORDS.judge("enough", of_once, 0.0,
+            f"{len(once)} dwells at one rate have rank {of_once} of {TERMS}"),
+        WORDS.judge("needed", fewest, 0.0,
+            f"{len(twice)} dwells at two rates have rank {of_twice} of {TERMS}: the rates and "
+            "the attitudes decide, and the condition number says how well"),
     )  # fmt: skip
     heads = [f"{q}_a{axis}" for q in QUANTITIES for axis in AXES]
     best = trials.bound / round_
     chi2, n = trials.chi2, len(trials.chi2)
-    return Section(
-        "efficiency",
-        "Efficiency, the counting rule, and a better plan",
-        (
-            "Scatter over trials with 10⁻⁵ V of noise against the Cramér–Rao bound, the least that "
-            f"any unbiased estimator can have. ml lies at {ratio.min():.2f} to {ratio.max():.2f} "
-            f"of it over {n} trials (within {2 / np.sqrt(2 * n):.2f} of 1 is expected), mean χ² "
-            f"{chi2.mean():.1f} at {trials.dof} degrees of freedom. The paper's D is "
-            f"{shown(float((trials.std('paper') / trials.bound)[2].min()))} to "
-            f"{shown(float((trials.std('paper') / trials.bound)[2].max()))} times worse.",
-            "In the printed positions ψ covers half a circle: f_y is never positive, N_y has few "
-            "levels, and its powers are hardly told apart. As many dwells all round (ψ = 10° "
-            "+ 72°·i, θ = 20°, 110°, 200°, 290°) know S_ay "
-            f"{best[0, 1]:.1f} and D_ay {best[2, 1]:.1f} times better.",
-        ),
+    return WORDS.section(
         findings,
         (
             Table("Standard deviations of S (V/g), b (g) and D (1/g)", "", heads,
@@ -129,4 +112,14 @@ def section(trials: Trials) -> Section:
                 ],
             ),
         ),
+        low=ratio.min(),
+        high=ratio.max(),
+        n=n,
+        expected=2 / np.sqrt(2 * n),
+        chi2=chi2.mean(),
+        dof=trials.dof,
+        least_worse=shown(float((trials.std('paper') / trials.bound)[2].min())),
+        most_worse=shown(float((trials.std('paper') / trials.bound)[2].max())),
+        better_scale=best[0, 1],
+        better_bend=best[2, 1]
     )  # fmt: skip

@@ -7,7 +7,6 @@ and, as the uncertainty, what the mended form leaves.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.methods.centrifuge_norm import closed
 from inercal.methods.centrifuge_norm.plans import RATES
@@ -23,9 +22,11 @@ from inercal.studies.centrifuge.experiment import (
 from inercal.studies.centrifuge.taylor import root
 from inercal.studies.centrifuge.trials import Trials
 from inercal.studies.claim import Claim, Finding, judge, shown
-from inercal.studies.section import Section, Table
+from inercal.studies.section import Array, Section, Table
+from inercal.studies.words import words_of
 
-Array = NDArray[np.float64]
+WORDS = words_of("inercal.studies.centrifuge", "equations")
+
 # γ_xy, γ_xz, γ_yx, γ_yz, γ_zx, γ_zy, rad: all six different.
 GAMMA = dict(zip(("xy", "xz", "yx", "yz", "zx", "zy"),
                  (1e-3, -8e-4, 6e-4, 9e-4, -7e-4, 5e-4), strict=True))  # fmt: skip
@@ -172,13 +173,7 @@ def section(trials: Trials) -> Section:
         )
         for one in tried
     ]  # fmt: skip
-    return Section(
-        "equations",
-        "Equations as printed and as mended",
-        (
-            "Each printed form is tried on exact data of the design, the other equations being "
-            "right. (6) is to be read with D as a diagonal matrix.",
-        ),
+    return WORDS.section(
         [one.finding for one in tried],
         (Table("What the equations give", "equation",
                ("as printed", "mended", "true", "mended −\ntrue"), rows),),

@@ -11,7 +11,6 @@ from math import cos, pi, sin
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.benches.centrifuge.arm import felt_vector
 from inercal.benches.centrifuge.bench import Centrifuge
@@ -23,9 +22,9 @@ from inercal.methods.centrifuge_norm.plans import RATES, plan
 from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import Readout, Sensor, triad
+from inercal.studies.section import Array
 from inercal.units import Measured
 
-Array = NDArray[np.float64]
 G = 9.8  # m/s², the source's unit of g
 NOISE = 1e-5  # V, said to be in each reading
 LATITUDE = 39 * pi / 180  # rad, said and then ignored
@@ -34,14 +33,6 @@ BENCH = Centrifuge(Measured(G, 0.0), Measured(1.0, 0.0), latitude=Measured(0.0, 
 AXES = ("x", "y", "z")
 QUANTITIES = ("S", "b", "D")
 UNITS = {"S": "V/g", "b": "g", "D": "1/g"}
-
-
-def _no_arms() -> Array:
-    return np.zeros((3, 3))
-
-
-def _orthogonal() -> Array:
-    return np.eye(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,8 +52,8 @@ class Triad:
     scale: Array
     bias: Array
     bend: Array
-    axes: Array = field(default_factory=_orthogonal)
-    arms: Array = field(default_factory=_no_arms)
+    axes: Array = field(default_factory=lambda: np.eye(3))
+    arms: Array = field(default_factory=lambda: np.zeros((3, 3)))
 
     @property
     def values(self) -> Array:

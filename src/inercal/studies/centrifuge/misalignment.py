@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.methods.centrifuge_norm import closed, ml
 from inercal.studies.centrifuge import experiment
@@ -28,32 +27,13 @@ from inercal.studies.centrifuge.experiment import (
     steps,
     turned,
 )
-from inercal.studies.claim import Claim, judge, shown
-from inercal.studies.section import Chart, Line, Panel, Section, Table
+from inercal.studies.claim import shown
+from inercal.studies.section import Array, Chart, Line, Panel, Section, Table
+from inercal.studies.words import words_of
 
-Array = NDArray[np.float64]
+WORDS = words_of("inercal.studies.centrifuge", "misalignment")
+
 ANGLES = np.array([2e-4, 4e-4, 6e-4, 8e-4, 10e-4])
-NAMES = {"S": "scale factor", "b": "bias", "D": "D"}
-SMALL = tuple(
-    Claim(f"misalignments to 10⁻³ rad change {NAMES[q]} by less than 10⁻⁸, to be neglected",
-          "Abstract, Fig. 4", 1e-8, UNITS[q], "≤", last_digit=1e-8)
-    for q in "SbD"
-)  # fmt: skip
-FIRST = Claim("scale factors suffer more than biases: |ΔS| over |Δb|", "Fig. 4", 1.0, "", "≥",
-              basis="words")  # fmt: skip
-SECOND = Claim("biases suffer more than D: |Δb| over |ΔD|", "Fig. 4", 1.0, "", "≥",
-               basis="words")  # fmt: skip
-GROWS = Claim("the errors grow with the angle: their least growth between two angles",
-              "Fig. 4", 0.0, "", "≥", basis="words")  # fmt: skip
-MAINLY = Claim(
-    "misalignments act mainly on C11 to C13: their share",
-    "(23)",
-    0.5,
-    "",
-    "≥",
-    last_digit=0.1,
-    basis="words",
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,52 +144,43 @@ def section(clean: Array) -> Section:
     rootless = int(np.isnan(found.lean["paper"]).any(axis=(1, 2)).sum())
     turn = worst(found.turn["paper"] - clean).max()
     small = [
-        judge(
-            claim, paper[:, k].max(), rest[k],
+        WORDS.judge(
+            f"small_{q}", paper[:, k].max(), rest[k],
             f"(16) to (22) err by {shown(paper[:, k].min())} to {shown(paper[:, k].max())} "
             f"{UNITS[q]} over the range, ml with nine parameters by {shown(exact[:, k].min())} to "
             f"{shown(exact[:, k].max())}; of {patterns} patterns of leaning axes the kindest makes "
             f"{shown(at_least[k])} at 2·10⁻⁴ rad",
         )
-        for k, (q, claim) in enumerate(zip("SbD", SMALL, strict=True))
+        for k, q in enumerate("SbD")
     ]  # fmt: skip
     ratio = paper[:, :2] / paper[:, 1:]
     relative = np.nanmax(np.abs(found.lean["paper"]) / TRUTH.values, axis=-1)
     ordering = [
-        judge(claim, ratio[:, k].mean(), np.ptp(ratio[:, k]) / 2,
-              f"it lies between {shown(ratio[:, k].min())} and {shown(ratio[:, k].max())} over the "
-              f"range; relative to the coefficients at 2·10⁻⁴ rad: S {shown(relative[0, 0])}, "
-              f"b {shown(relative[0, 1])}, D {shown(relative[0, 2])}")
-        for k, claim in enumerate((FIRST, SECOND))
+        WORDS.judge(claim, ratio[:, k].mean(), np.ptp(ratio[:, k]) / 2,
+            f"it lies between {shown(ratio[:, k].min())} and {shown(ratio[:, k].max())} over the "
+            f"range; relative to the coefficients at 2·10⁻⁴ rad: S {shown(relative[0, 0])}, "
+            f"b {shown(relative[0, 1])}, D {shown(relative[0, 2])}")
+        for k, claim in enumerate(("first", "second"))
     ]  # fmt: skip
     growth = np.diff(paper, axis=0) / paper[:-1]
-    grows = judge(
-        GROWS, growth.min(), 0.0,
+    grows = WORDS.judge("grows", growth.min(), 0.0,
         f"the largest errors of S, b and D grow by {growth.min():.0%} to {growth.max():.0%} from "
         "each angle to the next",
     )  # fmt: skip
     powers = zip(folded, ("first", "second", "third", "fourth"), strict=True)
-    mainly = judge(
-        MAINLY, share, 0.0,
+    mainly = WORDS.judge("mainly", share, 0.0,
         "misalignments change |f|² by products of two outputs, which (13) does not have; the first "
         f"powers make {share:.1%} of it, and the regression folds the products into all powers, "
         + ", ".join(f"{x:.0%} into the {name}" for x, name in powers),
     )  # fmt: skip
-    return Section(
-        "misalignment",
-        "Fig. 4: misalignments ignored",
-        (
-            "Non-orthogonality: each two axes lean towards one another by γ, so that Φ is "
-            "symmetric. Rotation: all six angles of the source's Φ alike, which turns the triad "
-            "as a whole. Only the first changes a norm.",
-            f"At {rootless} of {len(ANGLES)} angles (21) has no root on some axis. A rotation "
-            f"changes the paper's result by at most {shown(turn)}. With the symmetric part of Φ "
-            "estimated, ml recovers all nine coefficients to "
-            f"{shown(worst(found.lean['ml, Φ found']).max())}.",
-        ),
+    return WORDS.section(
         (*small, grows, *ordering, mainly),
         (_table(found),),
         (_chart(found),),
+        rootless=rootless,
+        angles=len(ANGLES),
+        turn=shown(turn),
+        recovered=shown(worst(found.lean["ml, Φ found"]).max()),
     )
 
 

@@ -11,32 +11,15 @@ from inercal.methods.centrifuge_norm.problems import by_norm
 from inercal.methods.centrifuge_norm.screening import Suspect, screen
 from inercal.studies.centrifuge import experiment
 from inercal.studies.centrifuge.experiment import BENCH, TRUTH, outputs, steps
-from inercal.studies.claim import Claim, judge, shown
-from inercal.studies.section import Section, Table
+from inercal.studies.claim import shown
+from inercal.studies.section import Array, Section, Table
+from inercal.studies.words import words_of
 
-Array = NDArray[np.float64]
+WORDS = words_of("inercal.studies.centrifuge", "table1")
+
 _PLACE = 1e-6  # V, one unit in the last printed place
 _THRESHOLD, _SUSPECT = 2.385, 6.0  # deviations; 2.385: 95 % efficient for normal noise
 _SLIP = _PLACE  # the last digit may be cut or rounded
-
-SIGNS = Claim("all 180 entries are those of the design", "Table 1", 180.0, "entries",
-              basis="words")  # fmt: skip
-REPAIRED = Claim(
-    "180 entries of the design, once the screening's repairs are made",
-    "Table 1",
-    180.0,
-    "entries",
-    basis="words",
-)
-NOISE = Claim("measured with noise of 10⁻⁵ V", "Section 5, Table 1", 1e-5, "V")
-POSITIVE = Claim(
-    "the input force is positive, which chooses the root",
-    "(10)",
-    0.0,
-    "g",
-    relation="≥",
-    basis="words",
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,36 +76,22 @@ def section() -> Section:
     felt = experiment.force(steps())
     named = "; ".join(s.in_words() for s in found.suspects[:2])
     findings = (
-        judge(SIGNS, alike, 0.0,
-              f"{int(lost.sum())} entries lost their minus sign, one each in "
-              f"{int(lost.any(axis=1).sum())} rows, and {int((wrong & ~lost).sum())} differ "
-              "otherwise"),
-        judge(REPAIRED, after, 0.0,
-              f"screening names {len(found.suspects)} rows, each with its one repair ({named}; …); "
-              f"then no entry is further than {shown(worst)} V from the design, {slipped} by more "
-              "than rounding"),
-        judge(NOISE, rms, _PLACE / np.sqrt(12),
-              f"the repaired table departs from the design by {shown(rms)} V rms, which is the "
-              "rounding of six decimals: it holds no noise"),
-        judge(POSITIVE, felt.min(), 0.0,
-              f"{int((felt < -1e-9).sum())} of {felt.size} components of the design are negative; "
-              "the right root is the one with f → −Δ as D → 0, the printed one"),
+        WORDS.judge("signs", alike, 0.0,
+            f"{int(lost.sum())} entries lost their minus sign, one each in "
+            f"{int(lost.any(axis=1).sum())} rows, and {int((wrong & ~lost).sum())} differ "
+            "otherwise"),
+        WORDS.judge("repaired", after, 0.0,
+            f"screening names {len(found.suspects)} rows, each with its one repair ({named}; …); "
+            f"then no entry is further than {shown(worst)} V from the design, {slipped} by more "
+            "than rounding"),
+        WORDS.judge("noise", rms, _PLACE / np.sqrt(12),
+            f"the repaired table departs from the design by {shown(rms)} V rms, which is the "
+            "rounding of six decimals: it holds no noise"),
+        WORDS.judge("positive", felt.min(), 0.0,
+            f"{int((felt < -1e-9).sum())} of {felt.size} components of the design are negative; "
+            "the right root is the one with f → −Δ as D → 0, the printed one"),
     )  # fmt: skip
-    return Section(
-        "table1",
-        "Table 1: outputs in twenty positions at three rates",
-        (
-            "All 180 entries follow from one design: R = 1 m, g = 9.8 m/s², position 4i + j + 1 at "
-            "ψ = 45°·i and θ = 60°·j, "
-            "f = (−A cos ψ cos θ + sin θ, −A sin ψ, −A cos ψ sin θ − cos θ), "
-            "A = ω²R/g. Rows that violate the norm are found by a robust fit that is told nothing "
-            "of the truth or of the attitudes, and each is tried with one change at a time. The "
-            "fit's threshold has to fall by steps: a robust fit in one go holds "
-            f"{one_shot(found)} sound rows for wrong.",
-        ),
-        findings,
-        (_table(found, design, lost),),
-    )
+    return WORDS.section(findings, (_table(found, design, lost),), sound=one_shot(found))
 
 
 def _table(found: Printed, design: Array, lost: NDArray[np.bool_]) -> Table:

@@ -7,6 +7,9 @@ from inercal.studies.centrifuge.experiment import AXES, QUANTITIES, TRUTH, UNITS
 from inercal.studies.centrifuge.trials import ESTIMATORS, Trials
 from inercal.studies.claim import LIMIT, Claim, Finding, judge, shown
 from inercal.studies.section import Section, Table
+from inercal.studies.words import words_of
+
+WORDS = words_of("inercal.studies.centrifuge", "table2")
 
 
 @dataclass(frozen=True)
@@ -96,18 +99,7 @@ def section(trials: Trials) -> Section:
     ]
     n = len(trials.error["series"])
     findings = [finding(entry, trials) for entry in PRINTED]
-    return Section(
-        "table2",
-        "Table 2: the estimates without misalignment and lever arm",
-        (
-            "The same nine coefficients by (16) to (22), mended (paper), by the exact inversion "
-            "of the first three powers (series) and by maximum likelihood (ml): first without "
-            f"noise, then with 10⁻⁵ V in {n} trials ({count} of ml).",
-            f"The fourth powers hold D as D²: {trials.rootless:.1%} of the trials have a negative "
-            "C4 or no root of (18) on some axis, and the others scatter D by per cents. For the "
-            f"printed errors of D to be typical the noise would have to be {shown(min(needed), 2)} "
-            f"to {shown(max(needed), 2)} times smaller. {_too_far(findings)}",
-        ),
+    return WORDS.section(
         findings,
         (
             Table(
@@ -121,6 +113,12 @@ def section(trials: Trials) -> Section:
                 rows,
             ),
         ),
+        n=n,
+        count=count,
+        rootless=trials.rootless,
+        least=shown(min(needed), 2),
+        most=shown(max(needed), 2),
+        too_far=_too_far(findings),
     )  # fmt: skip
 
 

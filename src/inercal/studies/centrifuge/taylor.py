@@ -8,22 +8,16 @@ fit of Σ f² = A² + 1 with f so shortened, weighted as `ml` is.
 from math import comb
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.studies.centrifuge.experiment import TRUTH, G, force, outputs, steps
-from inercal.studies.claim import Claim, judge, shown
-from inercal.studies.section import Chart, Line, Panel, Section, Table
+from inercal.studies.claim import shown
+from inercal.studies.section import Array, Chart, Line, Panel, Section, Table
+from inercal.studies.words import words_of
 
-Array = NDArray[np.float64]
+WORDS = words_of("inercal.studies.centrifuge", "taylor")
+
 ORDERS = (2, 3, 4, 5)
 _PASSES = 8
-
-ERROR = Claim(
-    "to the second order the force is right to 10⁻⁴", "(11)", 1e-4, "g", "≤", last_digit=1e-4
-)
-# Judged in powers of ten: "of the order of" is right within half of one.
-SIZE = Claim("D²S⁻⁴N⁴ is of order 10⁻⁴, as its power of ten", "(12)", -4.0, last_digit=1.0,
-             basis="derived")  # fmt: skip
 
 
 def root(u: Array, bend: Array, order: int | None) -> Array:
@@ -100,11 +94,12 @@ def section() -> Section:
     reach = np.linspace(-36.3, 36.3, 241)
     bend = float(TRUTH.bend.max())
     findings = (
-        judge(ERROR, worst[2], 0.0,
-              f"the largest of the design is 2D²f³ = {shown(worst[2])} g; the third order leaves "
-              f"{shown(worst[3])} g"),
-        judge(SIZE, np.log10(fourth), 0.0,
-              f"the largest of the design is {shown(fourth)} g²"),
+        WORDS.judge("error", worst[2], 0.0,
+            f"the largest of the design is 2D²f³ = {shown(worst[2])} g; the third order leaves "
+            f"{shown(worst[3])} g"),
+        # Judged in powers of ten: "of the order of" is right within half of one.
+        WORDS.judge("size", np.log10(fourth), 0.0,
+            f"the largest of the design is {shown(fourth)} g²"),
     )  # fmt: skip
     rows = [
         (
@@ -117,14 +112,7 @@ def section() -> Section:
         for n in (*ORDERS, None)
     ]
     heads = [f"Δ{q}_a{axis}" for q in "SbD" for axis in "xyz"]
-    return Section(
-        "taylor",
-        "Taylor orders: (10) to (13)",
-        (
-            "f + D f² = u has a root in closed form; the source expands it instead. Each order "
-            "leaves something out of the force, and a fit that stops there, otherwise that of ml "
-            "and on data without noise, puts it into the coefficients.",
-        ),
+    return WORDS.section(
         findings,
         (Table("Errors by order: of the force, g, and of S (V/g), b (g), D (1/g)", "",
                ("f", *heads), rows),),

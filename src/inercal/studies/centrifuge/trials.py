@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.methods.centrifuge_norm import closed
 from inercal.studies.centrifuge.experiment import (
@@ -16,8 +15,8 @@ from inercal.studies.centrifuge.experiment import (
     stated,
     steps,
 )
+from inercal.studies.section import Array
 
-Array = NDArray[np.float64]
 SHARE = 20  # one trial of ml for so many of the closed formulas
 _AT_ONCE = 4000
 ESTIMATORS = ("paper", "series", "ml")

@@ -6,29 +6,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from inercal.estimate import Estimate
-from inercal.studies.claim import Claim, judge, shown
-from inercal.studies.dual_orthogonal.experiment import (
-    COLUMNS,
-    Case,
-    Rms,
-    bench,
-    errors,
-    rms,
-    simulate,
-)
+from inercal.studies.claim import shown
+from inercal.studies.dual_orthogonal.experiment import COLUMNS, Case, bench, errors, simulate
 from inercal.studies.dual_orthogonal.methods import FACES, METHODS
+from inercal.studies.rms import Rms, rms
 from inercal.studies.section import Chart, Line, Panel, Section, Table
+from inercal.studies.words import words_of
 
-_EFFECT, _K2 = "effects", "embodiment 1"
-GOAL = 1.0  # µg
+WORDS = words_of("inercal.studies.dual_orthogonal", "accuracy")
+OF_FACES = words_of("inercal.studies.dual_orthogonal", "faces")
+
 PAIRS = "joint"
-CLAIMS = {
-    "K0": Claim("K0 to 1 µg", _EFFECT, GOAL, "µg", "≤"),
-    "k1": Claim("k1 to 1 µg, without a centrifuge", _EFFECT, GOAL, "µg", "≤"),
-    "δ": Claim("δ to 1 µrad", _EFFECT, GOAL, "µrad", "≤"),
-    "K2": Claim("K2 to 1 µg, without a centrifuge", _K2, GOAL, "µg", "≤"),
-    "Kip": Claim("Kip to 1 µg", _EFFECT, GOAL, "µg", "≤"),
-}
 _CHARTED = ("single", "dual, Bayes", "patent, no centrifuge", PAIRS, FACES)
 
 
@@ -83,8 +71,8 @@ def section(found: Compared) -> Section:
         "Kip": f"from a prior of 20 µg; joint reaches {shown(pairs['Kip'].value)} µg",
     }
     findings = [
-        judge(claim, patent[name].value, patent[name].u, reasons[name])
-        for name, claim in CLAIMS.items()
+        WORDS.judge(name, patent[name].value, patent[name].u, reason)
+        for name, reason in reasons.items()
     ]
     rows = [
         (name, [shown(x.value, 3) for x in by_column.values()])
@@ -98,16 +86,7 @@ def section(found: Compared) -> Section:
              joined=False)
         for k, name in enumerate(_CHARTED)
     ]  # fmt: skip
-    return Section(
-        "accuracy",
-        "Accuracy: the methods on one bench",
-        (
-            "single takes the head as exact; dual has g² alone, with the Kip of five single tests "
-            "and the K3 of a centrifuge; patent holds the four points and finds the rest by g². "
-            "joint is ours: all readings at once, the head's errors as unknowns of known size. Of "
-            "Kip and K3 it is told no more than their make, 20 µg and 5 µg. The Monte Carlo error "
-            f"of an RMS is up to {largest:.1%} of it.",
-        ),
+    return WORDS.section(
         findings,
         (Table("RMS of the errors, µg (δ µrad, k1 ppm)", "method", COLUMNS, rows),),
         (
@@ -115,6 +94,7 @@ def section(found: Compared) -> Section:
                   "wants a centrifuge, or a face at every position.",
                   [Panel("", "", "RMS, µg", lines, names=COLUMNS)]),
         ),
+        largest=largest,
     )  # fmt: skip
 
 
@@ -128,20 +108,12 @@ def faces(found: Compared) -> Section:
         ("gain", [f"{x:.2f}" for x in gain.values()]),
     ]
     near = ", ".join(f"{x.value:.3f} ± {x.u:.3f}" for x in found.nees.values())
-    return Section(
-        "faces",
-        "A face at every position: what it gains",
-        (
-            "A polygon of twelve faces gives the autocollimator every position, not four. The same "
-            f"readings of the accelerometers then know K0 {gain['K0']:.1f}, K2 {gain['K2']:.1f} "
-            f"and Kip {gain['Kip']:.1f} times better and, having told k1 from K3 without a "
-            f"centrifuge, k1 {gain['k1']:.0f} times: this is what to do.",
-            "joint knows how well it knows: its mean squared error over what it states is "
-            f"{near} (four positions, every position); 1 is right.",
-        ),
+    return OF_FACES.section(
         (),
         (
             Table("RMS of joint, µg (δ µrad, k1 ppm), by where the autocollimator is read",
                   "read at", COLUMNS, rows),
         ),
+        gain=gain,
+        near=near,
     )  # fmt: skip

@@ -7,10 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.benches.dividing_head.bench import DividingHead
-from inercal.studies.claim import Claim, judge, shown
+from inercal.studies.claim import shown
 from inercal.studies.dual_orthogonal.experiment import (
     ARCSEC,
     AUTOCOLLIMATOR,
@@ -21,19 +20,20 @@ from inercal.studies.dual_orthogonal.experiment import (
     MICRO,
     NOISE,
     SIZES,
-    Rms,
     bench,
     errors,
-    rms,
     simulate,
 )
 from inercal.studies.dual_orthogonal.methods import FACES, METHODS, tried
-from inercal.studies.section import Chart, Line, Panel, Section, Table
+from inercal.studies.rms import Rms, rms
+from inercal.studies.section import Array, Chart, Line, Panel, Section, Table
+from inercal.studies.words import words_of
 
-Array = NDArray[np.float64]
+WORDS = words_of("inercal.studies.dual_orthogonal", "allocation")
+
 Found = Mapping[str, Mapping[str, Mapping[str, Array]]]
 """Errors by way, item and column."""
-BUDGET = 0.3  # µg
+BUDGET = WORDS.claims["in_all"].expected  # µg
 PIER = 0.1  # ″, of the base at each position
 TOGETHER = "together"
 _WAYS = ("patent", FACES)
@@ -41,13 +41,6 @@ _LEAST, _NONE = 0.01, 0.001  # µg; less is left out of the chart, and 0 in the 
 
 EXTRA = "tilt of base"  # not among the items of the source
 _OPTICS = "autocollimator"
-
-IN_ALL = Claim("K0 to 0.3 µg (1σ) in all", "error budget", BUDGET, "µg", "≤", "result", 0.1)
-TILTING = Claim(f"K0 to 0.3 µg (1σ) in all, the base tilting by {PIER:g}″", "error budget", BUDGET,
-                "µg", "≤", "result", 0.1)  # fmt: skip
-LEANING = Claim("turns about the level axis across the spindle are of higher order",
-                "error budget", BUDGET, "µg", "≤", last_digit=0.1,
-                basis="words")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -127,32 +120,17 @@ def section(trials: int, seed: int) -> Section:
     moving = {way: rms(tried(way, trials, seed, pier=PIER)["K0"]) for way in _WAYS}
     leaning = max(rms(patent["lean of the spindle"][column]) for column in JUDGED)
     findings = (
-        judge(IN_ALL, whole.value, whole.u,
-              f"two readings of {AUTOCOLLIMATOR:g}″ in each pair alone make {shown(k0[_OPTICS])} "
-              f"µg; {shown(allowed(k0))}″ would do, or a face at every position, with "
-              f"{shown(rms(faces[TOGETHER]['K0']).value)} µg"),
-        judge(TILTING, moving["patent"].value, moving["patent"].u,
-              "the autocollimator stands on the base and does not see it tilt; with a face at "
-              f"every position it is {shown(moving[FACES].value)} µg"),
-        judge(LEANING, leaning.value, leaning.u,
-              f"what a lean of {LEAN:g}″ adds to the coefficient that it moves most, k1 + K3"),
+        WORDS.judge("in_all", whole.value, whole.u,
+            f"two readings of {AUTOCOLLIMATOR:g}″ in each pair alone make {shown(k0[_OPTICS])} "
+            f"µg; {shown(allowed(k0))}″ would do, or a face at every position, with "
+            f"{shown(rms(faces[TOGETHER]['K0']).value)} µg"),
+        WORDS.judge("tilting", moving["patent"].value, moving["patent"].u,
+            "the autocollimator stands on the base and does not see it tilt; with a face at "
+            f"every position it is {shown(moving[FACES].value)} µg"),
+        WORDS.judge("leaning", leaning.value, leaning.u,
+            f"what a lean of {LEAN:g}″ adds to the coefficient that it moves most, k1 + K3"),
     )  # fmt: skip
-    return Section(
-        "allocation",
-        "Error allocation: the budget of 0.3 µg",
-        (
-            "The source allots an accuracy to each instrument in its Table 1, whose cells are lost "
-            "in the copy at hand, and sums up 0.3 µg (1σ) for the zero-order term. Here each item "
-            "errs by itself at the size of this bench, and then all together.",
-            "K0 has but two items: the noise of two readings, and the autocollimator's two "
-            "readings of a pair. The source does not count the tilt of the base between the "
-            f"members of a pair: {PIER:g}″ at each position weighs as much as the autocollimator. "
-            "A level on the base takes it out (joint and patent take its readings).",
-        ),
-        findings,
-        (_table(found, moving),),
-        (_chart(found),),
-    )
+    return WORDS.section(findings, (_table(found, moving),), (_chart(found),), pier=PIER)
 
 
 def _table(found: Found, moving: Mapping[str, Rms]) -> Table:

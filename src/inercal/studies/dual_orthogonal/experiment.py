@@ -7,11 +7,9 @@ quantity that errs is drawn by its name: benches of other sizes meet the same dr
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import pi
-from typing import NamedTuple
 from zlib import crc32
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.benches.dividing_head.bench import (
     Collimated,
@@ -26,9 +24,10 @@ from inercal.keys import CoefficientName
 from inercal.motion import Motion
 from inercal.recording import Observations
 from inercal.sensors import G0
+from inercal.studies.rms import Rms
+from inercal.studies.section import Array
 from inercal.units import Measured
 
-Array = NDArray[np.float64]
 ARCSEC = pi / 648_000  # rad
 MICRO = 1e-6
 SENSOR = mounted().with_coefficients("k0", "k1", "k2", "k3", "kip", "delta_o")
@@ -116,10 +115,8 @@ class Case:
 
 def in_order(truth: dict[str, Array]) -> Array:
     """Return coefficients by term, (..., 2) in natural units, as the sensor's, (..., 12) SI."""
-    columns: list[Array] = []
-    for name in SENSOR.coefficients:
-        axis, term = CoefficientName(name).parts
-        columns.append(NATURAL[term] * truth[term][..., "ab".index(axis)])
+    parts = [CoefficientName(name).parts for name in SENSOR.coefficients]
+    columns = [NATURAL[term] * truth[term][..., "ab".index(axis)] for axis, term in parts]
     return np.stack(columns, axis=-1)
 
 
@@ -180,20 +177,6 @@ def errors(found: Estimate, case: Case) -> dict[str, Array]:
     delta = off["delta_o"][:, 1] - off["delta_o"][:, 0]
     values = (off["k0"], off["k1"], delta, off["k2"], off["k3"], off["kip"], off["k1"] + off["k3"])
     return dict(zip(COLUMNS, values, strict=True))
-
-
-class Rms(NamedTuple):
-    """A root of a mean square and its Monte Carlo error."""
-
-    value: float
-    u: float
-
-
-def rms(error: Array) -> Rms:
-    """Return the RMS of errors, (trials, ...), of which those of one trial may be correlated."""
-    square = np.mean(error.reshape(len(error), -1) ** 2, axis=1)
-    value = float(np.sqrt(square.mean()))
-    return Rms(value, float(square.std() / np.sqrt(len(square)) / (2 * value)) if value else 0.0)
 
 
 def ratio(error: Array, other: Array) -> Rms:

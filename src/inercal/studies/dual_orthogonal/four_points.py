@@ -3,33 +3,22 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.benches.dividing_head.bench import DividingHead, felt, positions
 from inercal.methods.dual_orthogonal.four_points import four_points
 from inercal.motion import Motion
 from inercal.sensors import G0
-from inercal.studies.claim import Claim, judge, shown
-from inercal.studies.dual_orthogonal.experiment import (
-    ARCSEC,
-    MICRO,
-    SENSOR,
-    SIZES,
-    bench,
-    rms,
-    simulate,
-)
-from inercal.studies.section import Chart, Line, Panel, Section, Table
+from inercal.studies.claim import shown
+from inercal.studies.dual_orthogonal.experiment import ARCSEC, MICRO, SENSOR, SIZES, bench, simulate
+from inercal.studies.rms import rms
+from inercal.studies.section import Array, Chart, Line, Panel, Section, Table
+from inercal.studies.words import words_of
 
-Array = NDArray[np.float64]
+WORDS = words_of("inercal.studies.dual_orthogonal", "four-points")
+
 ANGLES = np.array([0.0, 50.0, 100.0, 200.0, 300.0, 400.0, 600.0])  # ″
 FULL = 300.0  # ″
 DRIFT = 0.1  # ″, of the base between the members of a pair
-
-FIRST = Claim("k1 to 1 µg by sums and differences, mounting angles of 300″ (1σ)", "step 4", 1.0,
-              "µg", "≤")  # fmt: skip
-CARRIED = Claim("K0 from up and down carries K2 in full: share", "embodiment 1", 1.0,
-                basis="words")  # fmt: skip
 
 
 def gains(mounting: float, trials: int, seed: int) -> tuple[Array, Array]:
@@ -87,29 +76,19 @@ def section(trials: int, seed: int) -> Section:
     missing, corrected = (rms(e) for e in gains(FULL * ARCSEC, trials, seed))
     by_up, u = share(trials, seed)
     findings = (
-        judge(FIRST, missing.value, missing.u,
-              "what is left is ½δ², the cosine of the mounting angle: "
-              f"{shown(-fixed(FULL * ARCSEC), 3)} µg where the angle is {FULL:g}″, √3 times "
-              f"that where it scatters so; with the correction it is {shown(corrected.value)} µg"),
-        judge(CARRIED, by_up, u,
-              "the mean of a reading up and one down is K0 + K2; that of two level ones is K0"),
+        WORDS.judge("first", missing.value, missing.u,
+            "what is left is ½δ², the cosine of the mounting angle: "
+            f"{shown(-fixed(FULL * ARCSEC), 3)} µg where the angle is {FULL:g}″, √3 times "
+            f"that where it scatters so; with the correction it is {shown(corrected.value)} µg"),
+        WORDS.judge("carried", by_up, u,
+            "the mean of a reading up and one down is K0 + K2; that of two level ones is K0"),
     )  # fmt: skip
     angles = ANGLES * ARCSEC
     left = np.array([fixed(angle) for angle in angles.tolist()])
     scatter = np.array([[rms(e).value for e in gains(a, trials, seed)] for a in angles.tolist()])
     tilts = [(words, [shown(x) if abs(x) > 1e-3 else "0" for x in off])
              for words, off in tilted().items()]  # fmt: skip
-    return Section(
-        "four-points",
-        "The four points: mounting angle and tilt",
-        (
-            "Half the sum of the two level readings is K0, half the difference of the other two is "
-            "1 + k1 + K3, but for the cosine of the mounting angle. The formulas of the source are "
-            "lost in the copy at hand; a sum and a difference are taken for them. ½((u − v)/2)², "
-            "by the difference of the level readings, is what to add, and the estimators do.",
-            "A base that tilts between the members of a pair moves one reading by 0.48 µg for each "
-            "0.1″, and K0 by half of that.",
-        ),
+    return WORDS.section(
         findings,
         (
             Table("k1 + K3, error in µg, by mounting angle; 1σ without noise and head",

@@ -3,21 +3,18 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.studies.claim import Claim, judge, shown
-from inercal.studies.dual_orthogonal.experiment import Rms, ratio, rms
+from inercal.studies.claim import shown
+from inercal.studies.dual_orthogonal.experiment import ratio
 from inercal.studies.dual_orthogonal.methods import FACES, tried
-from inercal.studies.section import Chart, Line, Panel, Section, Table
+from inercal.studies.rms import Rms, rms
+from inercal.studies.section import Array, Chart, Line, Panel, Section, Table
+from inercal.studies.words import words_of
 
-Array = NDArray[np.float64]
+WORDS = words_of("inercal.studies.dual_orthogonal", "head")
+
 HEADS = (0.5, 1.0, 3.0, 10.0)  # ″ rms
 SHOWN = ("single", "dual, Bayes", "patent", "joint", FACES)
-
-FREE = Claim("the head's error is eliminated: RMS of K0 with a head of 10″ over that with none",
-             "abstract", 1.0, basis="words")  # fmt: skip
-ALONE = Claim("one accelerometer by itself misses 1 µg for the head: K0", "background", 1.0, "µg",
-              "≥")  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,23 +41,16 @@ def section(found: Heads) -> Section:
     """Return the section of the head's error."""
     alone = found.k0["single"][HEADS.index(3.0)]
     findings = (
-        judge(FREE, found.kept.value, found.kept.u,
-              f"it moves the K0 of a trial by {shown(found.moved)} µg"),
-        judge(ALONE, alone.value, alone.u,
-              f"a head of 3″; one of 0.5″ makes {shown(found.k0['single'][0].value)} µg"),
+        WORDS.judge("free", found.kept.value, found.kept.u,
+            f"it moves the K0 of a trial by {shown(found.moved)} µg"),
+        WORDS.judge("alone", alone.value, alone.u,
+            f"a head of 3″; one of 0.5″ makes {shown(found.k0['single'][0].value)} µg"),
     )  # fmt: skip
     sizes = np.array(HEADS)
     lines = [
         Line(name, sizes, np.array([x.value for x in values])) for name, values in found.k0.items()
     ]
-    return Section(
-        "head",
-        "The head: its error against the method",
-        (
-            "g² is free of the head's angle to all orders, and the autocollimator stands for it at "
-            "the four points. By one accelerometer K0 errs with the head; so it does by dual, "
-            "whose K0 is no better than the Kip of the single tests.",
-        ),
+    return WORDS.section(
         findings,
         (
             Table("RMS of K0, µg, by the head's error (rms)", "method",

@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.benches.dividing_head.bench import Collimated, Index
 from inercal.estimate import Estimate, Gaussian
@@ -22,8 +21,7 @@ from inercal.studies.dual_orthogonal.experiment import (
     errors,
     simulate,
 )
-
-Array = NDArray[np.float64]
+from inercal.studies.section import Array
 
 CENTRIFUGE = 0.5 * MICRO  # g, how well a centrifuge knows K3
 TESTS = 5  # single tests behind the Kip of `dual`; the source has several

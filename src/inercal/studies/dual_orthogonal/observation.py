@@ -7,12 +7,11 @@ to the fourth. Products of coefficients are neglected there.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.keys import CoefficientName
 from inercal.methods.dual_orthogonal import square
 from inercal.sensors import G0
-from inercal.studies.claim import Claim, judge, shown
+from inercal.studies.claim import shown
 from inercal.studies.dual_orthogonal.experiment import (
     COLUMNS,
     LARGE,
@@ -20,32 +19,20 @@ from inercal.studies.dual_orthogonal.experiment import (
     SENSOR,
     SIZES,
     Case,
-    Rms,
     bench,
     ratio,
-    rms,
     simulate,
 )
 from inercal.studies.dual_orthogonal.methods import FACES, tried
-from inercal.studies.section import Section, Table
+from inercal.studies.rms import Rms, rms
+from inercal.studies.section import Array, Section, Table
+from inercal.studies.words import words_of
 
-Array = NDArray[np.float64]
+WORDS = words_of("inercal.studies.dual_orthogonal", "observation")
+
 HARMONICS = ("1", "sin θ", "cos θ", "sin 2θ", "cos 2θ", "sin 3θ", "cos 3θ", "cos 4θ")
 SHOWN = ("dual, Bayes", "patent", "joint", FACES)
 _SINGULAR = 1e-10
-
-DEPENDENT = Claim("combinations that g² leaves open, K3 known", "(4)", 2.0, basis="derived")
-PRODUCTS, LARGE_PRODUCTS = (
-    Claim(
-        f"products of coefficients are neglected in g² at 1 µg: {words}",
-        "(3)",
-        1.0,
-        "µg",
-        "≤",
-        basis="words",
-    )
-    for words in ("K0 300 µg, k1 200 ppm, δ 100″", "K0 1 mg, k1 1000 ppm, δ 300″")
-)
 
 
 def rank(rows: Array) -> int:
@@ -111,34 +98,24 @@ def section(trials: int, seed: int) -> Section:
     open_, known, left = open_ranks()
     small, large = forms(SIZES, trials, seed), forms(LARGE, trials, seed)
     findings = [
-        judge(DEPENDENT, known, 0.0,
-              f"with K3 unknown they are {open_}, k1 against K3 being the third: rank "
-              f"{len(square.TERMS) - open_} of {len(square.TERMS)}")
+        WORDS.judge("dependent", known, 0.0,
+            f"with K3 unknown they are {open_}, k1 against K3 being the third: rank "
+            f"{len(square.TERMS) - open_} of {len(square.TERMS)}")
     ]  # fmt: skip
-    for claim, form in ((PRODUCTS, small), (LARGE_PRODUCTS, large)):
+    for claim, form in (("products", small), ("large_products", large)):
         k = max(range(len(HARMONICS)), key=lambda k: form.linear[k].value)
         worst = form.linear[k]
         findings.append(
-            judge(claim, worst.value, worst.u,
-                  f"the RMS of what it adds to the coefficient of {HARMONICS[k]}, the worst; the "
-                  f"exact form ‖f̂‖ = g leaves {shown(form.exact)} µg")
+            WORDS.judge(claim, worst.value, worst.u,
+                f"the RMS of what it adds to the coefficient of {HARMONICS[k]}, the worst; the "
+                f"exact form ‖f̂‖ = g leaves {shown(form.exact)} µg")
         )  # fmt: skip
     nulls = "; ".join(
         f"{words}: ({', '.join(map(_named, weights))}) = "
         f"({', '.join(f'{x:g}'.replace('-', '−') for x in weights.values())})"
         for words, weights in square.NULLS
     )
-    return Section(
-        "observation",
-        "g²: what it leaves open, and its linear form",
-        (
-            f"Three vectors change no z: {nulls}. The largest |A v| is {shown(left, 1)}. The four "
-            "points, or a Kip from elsewhere, resolve the first two; a K3 of a centrifuge, or a "
-            "face at every position, the third. The angle common to both accelerometers is "
-            "nobody's to see: it is the zero of the head.",
-            "The linear form neglects ½K0², K0 k1, k1 δ and the like. The estimators here take the "
-            "exact one, and are none the worse for large coefficients.",
-        ),
+    return WORDS.section(
         findings,
         (
             Table(
@@ -149,6 +126,8 @@ def section(trials: int, seed: int) -> Section:
             ),
             _sizes(trials, seed),
         ),
+        nulls=nulls,
+        left=shown(left, 1),
     )  # fmt: skip
 
 

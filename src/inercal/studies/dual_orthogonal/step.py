@@ -5,39 +5,26 @@ from dataclasses import dataclass
 from math import pi, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.benches.dividing_head.bench import Index, positions
 from inercal.benches.dividing_head.passes import near
 from inercal.errors import NotObserved
 from inercal.methods.dual_orthogonal import square
-from inercal.studies.claim import Claim, judge, shown
-from inercal.studies.dual_orthogonal.experiment import (
-    JUDGED,
-    NOISE,
-    Rms,
-    ratio,
-    rms,
-)
+from inercal.studies.claim import shown
+from inercal.studies.dual_orthogonal.experiment import JUDGED, NOISE, ratio
 from inercal.studies.dual_orthogonal.methods import FACES, tried
 from inercal.studies.dual_orthogonal.observation import rank
-from inercal.studies.section import Chart, Line, Panel, Section, Table
+from inercal.studies.rms import Rms, rms
+from inercal.studies.section import Array, Chart, Line, Panel, Section, Table
+from inercal.studies.words import words_of
 
-Array = NDArray[np.float64]
+WORDS = words_of("inercal.studies.dual_orthogonal", "step")
+
 COUNTS = (6, 7, 8, 9, 10, 12, 16, 18, 24)
 WITHIN = range(9, 19)  # positions of whole turns in steps from 40° to 20°
 BEST = 12
 _OF_DUAL = 8  # one trial of dual for so many: at eight positions they go one by one
 _SHOWN = 1.0  # µg, the most in the chart
-
-FINEST, COARSEST = (
-    Claim(f"{words} even step of 20° to 40° that serves as it is", "claim 3", degrees, "°")
-    for words, degrees in (("finest", 20.0), ("coarsest", 40.0))
-)
-EACH, TOTAL = (
-    Claim(f"the best step, {words}", "claim 4", 360 / BEST, "°")
-    for words in ("as many readings at each position", "as many readings in all")
-)
 
 
 def with_cardinals(n: int) -> tuple[Index, ...]:
@@ -144,36 +131,27 @@ def section(trials: int, seed: int) -> Section:
         f"{len(helped)} serve"
     )
     findings = [
-        judge(claim, 360 / n, 0.0, why)
-        for claim, n in ((FINEST, max(serving)), (COARSEST, min(serving)))
+        WORDS.judge(claim, 360 / n, 0.0, why)
+        for claim, n in (("finest", max(serving)), ("coarsest", min(serving)))
     ]
-    for claim, which in ((EACH, "each"), (TOTAL, "total")):
-        added = {s.n: (s.each if which == "each" else s.total)[_ADDED] for s in found}
+    for claim in ("each", "total"):
+        added = {s.n: (s.each if claim == "each" else s.total)[_ADDED] for s in found}
         at, u, words = best_step(added)
         text = f"{words}; cardinal positions are added where a step lacks them"
-        findings.append(judge(claim, at, u, text))
+        findings.append(WORDS.judge(claim, at, u, text))
     finer, here = found[-1], next(s for s in found if s.n == BEST)
     full = next(s.n for s in found if s.rank == max(t.rank for t in found))
     fewest = next(s.n for s in found if s.each["patent"] is not None)
-    return Section(
-        "step",
-        "The step: 20° to 40°, best 30°",
-        (
-            "20 to 40, best 30, are taken for degrees: the sign is lost in the copy at hand. "
-            f"g² has harmonics up to the fourth and tells eight combinations: from {full} "
-            f"positions on, {360 / full:g}°, its rank is full. The patent's way needs the four "
-            "cardinal positions and five combinations from the others: of even positions "
-            f"{fewest} are the fewest. joint can do with fewer, but needs both pairs, or a face at "
-            "every position.",
-            "RMS here is that of K0, k1 + K3, δ, K2 and Kip together, first with 0.2 µg of noise "
-            "at each position, then with as many readings in all as twelve positions have: where "
-            "only four positions have the autocollimator, further ones spread the readings. With "
-            f"a face at every position finer steps win either way: {finer.n} positions reach "
-            f"{_cell(finer.total[FACES])} µg against {_cell(here.total[FACES])} at 30°.",
-        ),
+    return WORDS.section(
         findings,
         (_table(found),),
         (_chart(found),),
+        full=full,
+        full_step=360 / full,
+        fewest=fewest,
+        finer=finer.n,
+        reached=_cell(finer.total[FACES]),
+        here=_cell(here.total[FACES]),
     )
 
 

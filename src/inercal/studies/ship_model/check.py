@@ -3,26 +3,22 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.sensors import G0
-from inercal.studies.claim import Claim, judge, shown
-from inercal.studies.section import Chart, Line, Panel, Section, Table
+from inercal.studies.claim import shown
+from inercal.studies.section import Array, Chart, Line, Panel, Section, Table
 from inercal.studies.ship_model.estimators import NONE, Compared
 from inercal.studies.ship_model.experiment import MILLI, errors, median, part
 from inercal.studies.ship_model.ship_motion import IRREGULAR, PLACE, REGULAR, Felt, feel
+from inercal.studies.words import words_of
 
-Array = NDArray[np.float64]
+WORDS = words_of("inercal.studies.ship_model", "motion")
+
 WAVES = {"regular": REGULAR, "irregular": IRREGULAR}
 SHOWN = (NONE, "planar", "damped", "joint")
 _RATE, _SECONDS = 10.0, 400.0
 _ACROSS = 100  # devices at a time
 _SEEN = 10.0  # s in the chart
-OF_FORCE, OF_HEAVE = (
-    Claim("damped is accurate enough for model tests, taken as the goal of 5 %: rms error of the "
-          f"worst axis in irregular waves over {words}", "abstract", 5.0, "%", "≤", basis="words")
-    for words in ("1 g", "the heave acceleration")
-)  # fmt: skip
 
 
 class Left(NamedTuple):
@@ -64,31 +60,19 @@ def section(found: Compared) -> Section:
     rests = {way: shown(100 * one.value / heave) for way, one in zeroed.items()}
     value, u = 100 * worst["damped"].value, 100 * worst["damped"].u
     findings = (
-        judge(OF_FORCE, value, u,
-              f"{mg['damped']} mg; planar leaves {mg['planar']} mg, joint {mg['joint']} mg, no "
-              f"calibration {mg[NONE]} mg"),
-        judge(OF_HEAVE, value / heave, u / heave,
-              f"heave is {shown(heave / MILLI)} mg rms; planar leaves {parts['planar']} %, joint "
-              f"{parts['joint']} %; zeroed at rest they leave {rests['damped']} %, "
-              f"{rests['planar']} % and {rests['joint']} %, and no calibration {rests[NONE]} %"),
+        WORDS.judge("of_force", value, u,
+            f"{mg['damped']} mg; planar leaves {mg['planar']} mg, joint {mg['joint']} mg, no "
+            f"calibration {mg[NONE]} mg"),
+        WORDS.judge("of_heave", value / heave, u / heave,
+            f"heave is {shown(heave / MILLI)} mg rms; planar leaves {parts['planar']} %, joint "
+            f"{parts['joint']} %; zeroed at rest they leave {rests['damped']} %, "
+            f"{rests['planar']} % and {rests['joint']} %, and no calibration {rests[NONE]} %"),
     )  # fmt: skip
-    return Section(
-        "motion",
-        "Ship motion check: what is left of a model's accelerations",
-        (
-            "A model of 4 m in waves as long as itself and 0.1 m high: heave 0.04 m, pitch 3°, "
-            "roll 8°, all of 1.6 s; in irregular waves the same as significant amplitudes, with "
-            "spectra of Bretschneider peaking at 1.6, 1.5 and 2.2 s. The accelerometer sits "
-            f"{PLACE[0]:g} m forward, {PLACE[1]:g} m to port and {PLACE[2]:g} m above the centre "
-            "of the motion. Typical sizes of a model basin, ours: the source prints none.",
-            "The error is that of specific force, sample by sample, readings without noise: what "
-            "the calibration alone leaves. Most of it is constant: bias, and what gravity makes of "
-            "scale and cross-axis terms. Zeroing the channels with the model at rest takes that "
-            "off; what then remains is in the tables too.",
-        ),
+    return WORDS.section(
         findings,
         tuple(_table(name, runs[name], by_run[name]) for name in WAVES),
         (_chart(found, t, runs["irregular"]),),
+        place=PLACE,
     )
 
 

@@ -4,13 +4,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.methods.ship_multi_angle import damped, joint, planar, planar_norm
 from inercal.methods.ship_multi_angle.norms import residual, rows
 from inercal.sensors.affine import IDEAL, Affine
 from inercal.studies.claim import shown
-from inercal.studies.section import Section, Table
+from inercal.studies.section import Array, Section, Table
 from inercal.studies.ship_model.experiment import (
     MILLI,
     SENSOR,
@@ -22,8 +21,10 @@ from inercal.studies.ship_model.experiment import (
     simulate,
     vector_rms,
 )
+from inercal.studies.words import words_of
 
-Array = NDArray[np.float64]
+WORDS = words_of("inercal.studies.ship_model", "estimators")
+
 ESTIMATORS = {"planar": planar, "damped": damped, "planar_norm": planar_norm, "joint": joint}
 NONE, NAIVE = "uncalibrated", "Gauss–Newton"
 _STEPS, _LOST = 20, 1e6  # of θ
@@ -97,24 +98,14 @@ def section(found: Compared, searched: Median, devices: int) -> Section:
         (f"global: the same norms, {devices} devices and the largest", ["as damped", *of_search])
     )
     best, plain = (median(found.vectors(name) / MILLI) for name in ("joint", "planar"))
-    return Section(
-        "estimators",
-        "Estimators: all on the same devices",
-        (
-            "joint takes all 25 states as vectors, with the angles and the radius of each mounting "
-            "and each set speed as unknowns of known size: "
-            f"{shown(best.value)} mg against planar's {shown(plain.value)}. planar_norm shows what "
-            "norms are good for: beside vectors, which fix the frame, they add; alone they "
-            "mislead.",
-            "Undamped Gauss–Newton divides by what rounding leaves of the null directions: "
-            f"{lost:.0%} of the devices end more than ten times as far off as they started. The "
-            "figures differ from machine to machine and are not judged. With those directions cut "
-            "off, its steps are the limit of damped ones.",
-        ),
+    return WORDS.section(
         (),
         (
             Table("Errors, mg: rms of the groups' norms, and rms as a vector on 300 fresh poses",
                   "estimator", ("norms, median", "vectors, median", "vectors, 95 %"),
                   table),
         ),
+        joint=shown(best.value),
+        planar=shown(plain.value),
+        lost=lost,
     )  # fmt: skip

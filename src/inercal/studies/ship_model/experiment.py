@@ -12,7 +12,6 @@ from math import radians
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.benches.rate_table.bench import RateTable, felt
 from inercal.benches.rate_table.fixture import FAST, RPM, Reading, multi_angle_plan, planar_plan
@@ -23,9 +22,9 @@ from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import G0, triad
 from inercal.sensors.affine import Affine, to_affine
+from inercal.studies.section import Array
 from inercal.units import Measured
 
-Array = NDArray[np.float64]
 SENSOR = triad().with_coefficients("k0", "k1", "delta_o", "delta_p")
 RADIUS = 0.25  # m
 POSE, SEAT, SPEED = radians(0.2), 0.5e-3, 0.05e-2  # rad, m, relative

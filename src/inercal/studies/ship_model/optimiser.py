@@ -9,7 +9,7 @@ from inercal.methods.ship_multi_angle.evolution import GOAL, Bounds, Found, Opti
 from inercal.methods.ship_multi_angle.norms import damped
 from inercal.methods.ship_planar import level
 from inercal.sensors.affine import Affine
-from inercal.studies.claim import Claim, judge, shown
+from inercal.studies.claim import shown
 from inercal.studies.section import Chart, Line, Panel, Section, Table
 from inercal.studies.ship_model.experiment import (
     MILLI,
@@ -21,25 +21,14 @@ from inercal.studies.ship_model.experiment import (
     norm_rms,
     vector_rms,
 )
+from inercal.studies.words import words_of
+
+WORDS = words_of("inercal.studies.ship_model", "optimiser")
 
 BOUNDS = {"default": Bounds(), "wide": Bounds(scale=1.0, cross=1.0, bias=1.0)}
 _WORDS = {"default": "±10 %, ±0.2 g", "wide": "±100 %, ±1 g"}
 _SECONDS, _GENERATIONS = 30.0, 400
 _WITHIN = 0.01
-_METHOD = "section 3.2, method 2"
-
-MET = Claim("the optimiser brings the error of the norms under 5 %: the largest", _METHOD,
-            100 * GOAL, "%", "≤", "result")  # fmt: skip
-FAR = {
-    name: Claim(f"whoever meets the goal errs by less than 5 %: largest relative error as a vector "
-                f"on fresh poses, bounds {words}", _METHOD, 100 * GOAL, "%", "≤",
-                basis="words")
-    for name, words in _WORDS.items()
-}  # fmt: skip
-SAME = Claim("both methods reach similar errors: sum of squares of the optimiser over that of "
-             "damping", "conclusion 3", 1.0, basis="words")  # fmt: skip
-VERIFIES = Claim("that verifies the program: how far apart both corrected readings are on fresh "
-                 "poses", "conclusion 3", 0.0, "mg", basis="words")  # fmt: skip
 
 
 class Searched(NamedTuple):
@@ -108,19 +97,19 @@ def section(searched: Sequence[Searched]) -> Section:
     worst = max(one.found["default"].worst for one in searched)
     goals = ", ".join(str(one.found["default"].goal or "none") for one in searched)
     findings = [
-        judge(MET, 100 * worst, 0.0,
-              f"of {len(searched)} devices, polished; before that met at generations {goals}"),
-        *(judge(FAR[name], largest[name], 0.0,
+        WORDS.judge("met", 100 * worst, 0.0,
+            f"of {len(searched)} devices, polished; before that met at generations {goals}"),
+        *(WORDS.judge(f"far_{name}", largest[name], 0.0,
                 f"rms {shown(off[name].value)} g in the median, up to {shown(off[name].high)} g, "
                 "where the norms err by no more than "
                 f"{shown(100 * max(w.found[name].worst for w in searched))} %")
           for name in BOUNDS),
-        judge(SAME, ratio.value, np.hypot(ratio.u, _WITHIN / 2),
-              "1 % counts as similar; they have one least sum, and reach it"),
-        judge(VERIFIES, apart.value, norm,
-              f"u is the {shown(norm)} mg by which either errs in the norms; a triad turned "
-              "by any rotation has the same sum, so that two programs can agree on it and both "
-              "be wrong"),
+        WORDS.judge("same", ratio.value, np.hypot(ratio.u, _WITHIN / 2),
+            "1 % counts as similar; they have one least sum, and reach it"),
+        WORDS.judge("verifies", apart.value, norm,
+            f"u is the {shown(norm)} mg by which either errs in the norms; a triad turned "
+            "by any rotation has the same sum, so that two programs can agree on it and both "
+            "be wrong"),
     ]  # fmt: skip
     rows = [
         (f"{k + 1}", [f"{one.ratio:.6f}", shown(one.norm / MILLI), shown(one.off["damped"] / MILLI),
@@ -128,15 +117,7 @@ def section(searched: Sequence[Searched]) -> Section:
                       shown(one.apart / MILLI)])
         for k, one in enumerate(searched)
     ]  # fmt: skip
-    return Section(
-        "optimiser",
-        "Optimiser: the same error, another sensor",
-        (
-            "The source tells Isight to bring the error under 5 % and finds errors like those of "
-            "its own program. Differential evolution, polished by the damped equations, stands for "
-            "the package; bounds are not in print, so two are tried: ±10 % of scale and cross-axis "
-            "with ±0.2 g of bias, and ±100 % with ±1 g.",
-        ),
+    return WORDS.section(
         findings,
         (
             Table("Device by device, mg; sums of squares as a ratio", "device",

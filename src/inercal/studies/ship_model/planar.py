@@ -1,13 +1,12 @@
 """The planar calibration: what its deviations show, and what makes it err at tilted poses."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.benches.rate_table.fixture import PLANES, RPM, planar_plan
 from inercal.methods.ship_planar import level
 from inercal.sensors.affine import Affine
-from inercal.studies.claim import Claim, judge, shown
-from inercal.studies.section import Chart, Line, Panel, Section
+from inercal.studies.claim import shown
+from inercal.studies.section import Array, Chart, Line, Panel, Section
 from inercal.studies.ship_model.estimators import NONE, Compared
 from inercal.studies.ship_model.experiment import (
     EXACT,
@@ -23,15 +22,10 @@ from inercal.studies.ship_model.experiment import (
     said,
     simulate,
 )
+from inercal.studies.words import words_of
 
-Array = NDArray[np.float64]
-ITSELF = Claim("the deviation at the calibrated states proves it accurate: rms error on fresh "
-               "poses over that deviation", "conclusion 1", 1.0, "", "≤",
-               basis="words")  # fmt: skip
-GROWS = Claim("planar errs more in tilted poses: its norm error there over that at its own states",
-              "conclusion 2", 1.0, "", "≥", basis="words")  # fmt: skip
-COUPLING = Claim("that is for want of the axes' coupling: share of it that exact mountings leave",
-                 "conclusion 2", 1.0, basis="words")  # fmt: skip
+WORDS = words_of("inercal.studies.ship_model", "planar")
+
 _SHOWN = (NONE, "planar", "joint")
 
 
@@ -64,28 +58,17 @@ def section(found: Compared) -> Section:
                {"in": inside, "out": outside, "there": there, "left": left}.items()}  # fmt: skip
     ratios = over(outside, inside), over(there, here), over(left, there)
     findings = (
-        judge(ITSELF, *ratios[0],
-              f"{said_mg['in']} mg at the states it was fitted to, {said_mg['out']} mg elsewhere: "
-              "the least squares fit the errors of the three mountings too"),
-        judge(GROWS, *ratios[1],
-              f"{said_mg['there']} mg at the groups, {shown(here.value / MILLI)} mg at its own"),
-        judge(COUPLING, *ratios[2],
-              "M has all nine elements, coupling included; were every mounting exact, "
-              f"{said_mg['left']} mg would be left, by noise"),
+        WORDS.judge("itself", *ratios[0],
+            f"{said_mg['in']} mg at the states it was fitted to, {said_mg['out']} mg elsewhere: "
+            "the least squares fit the errors of the three mountings too"),
+        WORDS.judge("grows", *ratios[1],
+            f"{said_mg['there']} mg at the groups, {shown(here.value / MILLI)} mg at its own"),
+        WORDS.judge("coupling", *ratios[2],
+            "M has all nine elements, coupling included; were every mounting exact, "
+            f"{said_mg['left']} mg would be left, by noise"),
     )  # fmt: skip
-    return Section(
-        "planar",
-        "Planar: a calibration that validates itself",
-        (
-            "The source fits twelve coefficients to nine untilted states, then compares the "
-            "corrected readings of the same mountings with what they should be (Figs. 3–5), and "
-            "takes the small deviations for accuracy. A mounting that is off by 0.2° feels "
-            f"{shown(POSE / MILLI)} mg of gravity across; the fit takes part of that up, so that "
-            "it cannot show.",
-        ),
-        findings,
-        (),
-        (_by_speed(found), _by_group(found)),
+    return WORDS.section(
+        findings, (), (_by_speed(found), _by_group(found)), across=shown(POSE / MILLI)
     )
 
 

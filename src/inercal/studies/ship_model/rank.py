@@ -4,18 +4,19 @@ from math import radians
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.benches.rate_table.fixture import About, Reading, multi_angle_plan
 from inercal.frames import exp_so3
 from inercal.methods.ship_multi_angle.freedom import Free, free
 from inercal.methods.ship_multi_angle.norms import residual, rotations, rows
 from inercal.sensors.affine import IDEAL, Affine
-from inercal.studies.claim import Claim, judge, shown
+from inercal.studies.claim import shown
 from inercal.studies.section import Section, Table
 from inercal.studies.ship_model.experiment import SENSOR, said
+from inercal.studies.words import words_of
 
-Array = NDArray[np.float64]
+WORDS = words_of("inercal.studies.ship_model", "rank")
+
 _TURN = radians(30)
 PLANS: dict[str, tuple[Reading, About]] = {
     "azimuth": ("azimuth", "tangential"),
@@ -23,12 +24,6 @@ PLANS: dict[str, tuple[Reading, About]] = {
     "dihedral": ("dihedral", "tangential"),
     "dihedral, other tilts about the radial axis": ("dihedral", "radial"),
 }
-ALWAYS = Claim("the equations are always short of column rank: the largest of any reading",
-               "section 3.2", 11.0, "", "≤", basis="words")  # fmt: skip
-ENOUGH = Claim("twelve groups or more for twelve coefficients: rank of sixteen", "section 3.2",
-               12.0, basis="words")  # fmt: skip
-DATUM = Claim("for want of a datum: null directions that are no rotation, two tilts as dihedral "
-              "angles", "section 3.2", 0.0, basis="words")  # fmt: skip
 
 
 class Told(NamedTuple):
@@ -58,14 +53,14 @@ def section() -> Section:
     blind = found["dihedral"].left.blind
     named = _named(found["dihedral"].left)
     findings = (
-        judge(ALWAYS, max(ranks.values()), 0.0,
-              "a turn of M and p by any rotation keeps every norm: three null directions of "
-              "twelve, whatever the data"),
-        judge(ENOUGH, ranks["azimuth"], 0.0,
-              "a norm tells nothing of the rotations, however many groups there are"),
-        judge(DATUM, len(blind), 0.0,
-              f"{named} is free besides: no pose of one tilt presses on x and y together, and "
-              "as dihedral angles 135° and 45° are the pose of 135° again"),
+        WORDS.judge("always", max(ranks.values()), 0.0,
+            "a turn of M and p by any rotation keeps every norm: three null directions of "
+            "twelve, whatever the data"),
+        WORDS.judge("enough", ranks["azimuth"], 0.0,
+            "a norm tells nothing of the rotations, however many groups there are"),
+        WORDS.judge("datum", len(blind), 0.0,
+            f"{named} is free besides: no pose of one tilt presses on x and y together, and "
+            "as dihedral angles 135° and 45° are the pose of 135° again"),
     )  # fmt: skip
     table = [
         (name, [str(one.left.rank), str(len(one.left.turns)), _named(one.left) or "none"])
@@ -73,24 +68,14 @@ def section() -> Section:
     ]
     gauge = max(one.gauge for one in found.values())
     turned = max(one.turned for one in found.values())
-    return Section(
-        "rank",
-        "Rank: what norms cannot tell",
-        (
-            "The source ascribes the deficient rank to the first-order expansion, which lacks a "
-            "datum. The exact equations |M a + p|² = A² + 1 lack it as well: a turn by 30° "
-            f"changes them by {_rounding(turned)} g². J times a rotation is "
-            f"{_rounding(gauge)} of its size.",
-            "Its one pose of two tilts, XY at 135° and ZY at 45°, can be read as azimuth and tilt, "
-            "as two successive turns, or as two dihedral angles. It is the only pose that could "
-            "show Exy + Eyx. The other tilts are taken about the tangential direction; about the "
-            "radial one they show it too.",
-        ),
+    return WORDS.section(
         findings,
         (
             Table("Rank of 16 equations in 12 unknowns, readings without error",
                   "two tilts read as", ("rank", "rotations free", "free besides"), table),
         ),
+        turned=_rounding(turned),
+        gauge=_rounding(gauge),
     )  # fmt: skip
 
 

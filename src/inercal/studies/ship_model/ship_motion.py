@@ -18,12 +18,11 @@ from dataclasses import dataclass
 from math import pi, radians
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.frames import exp_so3
 from inercal.sensors import G0
+from inercal.studies.section import Array
 
-Array = NDArray[np.float64]
 _COMPONENTS = 60
 _BAND = (0.6, 1.8)  # of ω_p; a model does not follow waves much shorter than itself
 

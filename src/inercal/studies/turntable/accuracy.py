@@ -1,37 +1,26 @@
 """The printed accuracy: what 15 and 18 states reach, and what it would take for the gyros' bias."""
 
-from collections.abc import Mapping
 from math import sqrt
 
 import numpy as np
 
 from inercal.sensors import G0
-from inercal.studies.claim import Claim, Finding, judge, shown
+from inercal.studies.claim import Finding, shown
+from inercal.studies.rms import Rms
 from inercal.studies.section import Chart, Line, Panel, Section
 from inercal.studies.turntable.experiment import ARW, MICRO_G, PPM
-from inercal.studies.turntable.score import KINDS, Kind, Rms, Score, places, score
+from inercal.studies.turntable.score import KINDS, Score, places, score
 from inercal.studies.turntable.trials import BY_STEPS, REST, Trials, reached
+from inercal.studies.words import words_of
 
-_WHERE = "results"
-BIAS = 0.004  # °/min
+WORDS = words_of("inercal.studies.turntable", "accuracy")
+BIAS = WORDS.claims["gyro_bias"].expected  # °/min
 SECONDS = 72.0  # of the rest
 OWN, WHOLE = "15 states, own path", "19 states, whole recording"
 FULL, HELD = "full, whole recording", "18 states"
-OF_GYROS: Mapping[Kind, Claim] = {
-    "bias": Claim("gyro bias, 15 states on the source's path", _WHERE, BIAS, "°/min", "≤",
-                  "result"),
-    "scale": Claim("gyro scale factor", _WHERE, 0.006, "", "≤", "result"),
-    "misalignment": Claim("gyro misalignment", _WHERE, 14.0, "″", "≤", "result"),
-}  # fmt: skip
-OF_ACCELEROMETERS: Mapping[Kind, Claim] = {
-    "bias": Claim("accelerometer bias", _WHERE, 0.004, "g", "≤", "result"),
-    "scale": Claim("accelerometer scale factor", _WHERE, 0.007, "", "≤", "result"),
-    "misalignment": Claim("accelerometer misalignment", _WHERE, 22.0, "″", "≤", "result"),
-}
-BETTER = Claim("gyro bias, 19 states on the whole recording", _WHERE, BIAS, "°/min", "≤", "result")
-AT_REST = Claim(f"72 s at rest tell a gyro's bias, {ARW:g} °/√h", _WHERE, BIAS, "°/min", "≤")
 _PRINTED = {"g": {"bias": 1.0, "scale": PPM, "misalignment": 1.0},
               "a": {"bias": MICRO_G / G0, "scale": PPM, "misalignment": 1.0}}  # fmt: skip
+_NAMES = {"g": "gyro", "a": "accelerometer"}
 _CHARTED = {OWN: "15", "19 states, own path": "19", WHOLE: "19, whole", FULL: "full",
             BY_STEPS: "discrete"}  # fmt: skip
 
@@ -49,20 +38,13 @@ def enough(seconds: float, bound: float = BIAS) -> float:
 
 def section(found: Trials) -> Section:
     """Return the section of the printed accuracy."""
-    return Section(
-        "accuracy",
-        "Accuracy: what is printed, and what comes out",
-        (
-            "The source prints bounds on the errors of one device against a traditional "
-            "calibration of it, and no noise. Here the truth is known. Each figure is that of the "
-            "worst axis or angle of a device, as RMS over devices, with sensors of grade T.",
-            f"A bias from {SECONDS:g} s at rest is no better than the angle random walk lets it: "
-            f"{BIAS:g} °/min needs gyros of {shown(enough(SECONDS))} °/√h or less. The turns of "
-            "one sense do not help: what they add is scale factor as much as bias.",
-        ),
+    return WORDS.section(
         (*_gyros(found), *_accelerometers(found)),
         (),
         (_chart(found),),
+        seconds=SECONDS,
+        bias=BIAS,
+        walk=shown(enough(SECONDS)),
     )
 
 
@@ -77,15 +59,15 @@ def _gyros(found: Trials) -> list[Finding]:
         "misalignment": f"{shown(made[OWN].misalignment.value)}″ RMS of all six",
     }
     return [
-        judge(OF_GYROS["bias"], *own["bias"], reasons["bias"]),
-        judge(AT_REST, *rest,
-              f"RMS of one axis; its white noise alone makes {alone} °/min, and "
-              f"{shown(enough(SECONDS))} °/√h would do"),
-        judge(BETTER, *whole["bias"],
-              f"{share[WHOLE]} of the devices reach it on all three axes, with an RMS of one axis "
-              f"of {shown(made[WHOLE].bias.value)} °/min"),
+        WORDS.judge("gyro_bias", *own["bias"], reasons["bias"]),
+        WORDS.judge("at_rest", *rest,
+            f"RMS of one axis; its white noise alone makes {alone} °/min, and "
+            f"{shown(enough(SECONDS))} °/√h would do"),
+        WORDS.judge("better", *whole["bias"],
+            f"{share[WHOLE]} of the devices reach it on all three axes, with an RMS of one axis "
+            f"of {shown(made[WHOLE].bias.value)} °/min"),
         *(
-            judge(OF_GYROS[kind], *_printed(own[kind], "g", kind), reasons[kind])
+            WORDS.judge(f"gyro_{kind}", *_printed(own[kind], "g", kind), reasons[kind])
             for kind in KINDS if kind != "bias"
         ),
     ]  # fmt: skip
@@ -99,7 +81,7 @@ def _accelerometers(found: Trials) -> list[Finding]:
         "misalignment": f"{shown(made.misalignment.value)}″ RMS of all six",
     }
     return [
-        judge(OF_ACCELEROMETERS[kind], *_printed(made.worst[kind], "a", kind), words[kind])
+        WORDS.judge(f"accelerometer_{kind}", *_printed(made.worst[kind], "a", kind), words[kind])
         for kind in KINDS
     ]
 
@@ -116,19 +98,19 @@ def _printed(one: Rms, of: str, kind: str) -> Rms:
 
 
 def _relative(one: Score, of: str) -> list[float]:
-    claims = OF_GYROS if of == "g" else OF_ACCELEROMETERS
-    return [_printed(one.worst[k], of, k).value / claims[k].expected for k in KINDS]
+    bounds = [WORDS.claims[f"{_NAMES[of]}_{kind}"].expected for kind in KINDS]
+    found = [_printed(one.worst[kind], of, kind).value for kind in KINDS]
+    return [value / bound for value, bound in zip(found, bounds, strict=True)]
 
 
 def _chart(found: Trials) -> Chart:
     held = {HELD: "18", "25 states": "25", "full": "full", BY_STEPS: "discrete"}
     panels = [
-        Panel("", "", f"worst {what}, over its bound",
+        Panel("", "", f"worst {_NAMES[of]}, over its bound",
               [_dots(score(runs[name], of), of, short, 0.08 * (k - 2))
                for k, (name, short) in enumerate(names.items())], names=tuple(KINDS))
-        for of, what, runs, names in (
-            ("g", "gyro", found.gyros, _CHARTED),
-            ("a", "accelerometer", found.accelerometers, held),
+        for of, runs, names in (
+            ("g", found.gyros, _CHARTED), ("a", found.accelerometers, held)
         )
     ]  # fmt: skip
     return Chart(

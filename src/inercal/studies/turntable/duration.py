@@ -2,22 +2,16 @@
 
 from inercal.benches.turntable.paths import discrete, fast, paper
 from inercal.benches.turntable.simulation import seconds_on_turntable
-from inercal.studies.claim import Claim, judge, shown
+from inercal.studies.claim import shown
+from inercal.studies.rms import Rms
 from inercal.studies.section import Section, Table
 from inercal.studies.turntable.accuracy import FULL, HELD, OWN
 from inercal.studies.turntable.experiment import TABLE
-from inercal.studies.turntable.score import Rms, Score, score
+from inercal.studies.turntable.score import Score, score
 from inercal.studies.turntable.trials import BY_STEPS, Trials
+from inercal.studies.words import words_of
 
-_WHERE = "results"
-SHORT = Claim("the path with its warm-up takes half an hour", _WHERE, 30.0, "min", "≤")
-LONG = Claim("the traditional procedure takes three hours", _WHERE, 180.0, "min", "≥", "result")
-AS_GOOD = {
-    "g": Claim("gyro misalignment over that of the traditional procedure", _WHERE, 1.0,
-               "", "≤", basis="words"),
-    "a": Claim("accelerometer misalignment over that of the traditional procedure",
-               _WHERE, 1.0, "", "≤", basis="words"),
-}  # fmt: skip
+WORDS = words_of("inercal.studies.turntable", "time")
 _PATHS = {"paper": paper, "fast": fast, "discrete": discrete}
 
 
@@ -42,28 +36,20 @@ def section(found: Trials) -> Section:
         for of, some in (("g", gyros), ("a", held))
     }
     findings = (
-        judge(SHORT, lasting["paper"], 0.0,
-              "2 min of warm-up, ten positions of 90 s, three turns, 72 s of rest and all moves at "
-              "30 °/s and 30 °/s²"),
-        judge(LONG, lasting["discrete"], 0.0,
-              "six positions of 90 s and ±1080° at 30 °/s about the vertical in each, on the same "
-              "table; by hand and without a plan it may well take three hours"),
-        judge(AS_GOOD["g"], *over(gyros[OWN].misalignment, gyros[BY_STEPS].misalignment),
-              f"{told['g']}: 30 °/s tell scale and misalignment better than 10"),
-        judge(AS_GOOD["a"], *over(held[HELD].misalignment, held[BY_STEPS].misalignment),
-              told["a"]),
+        WORDS.judge("short", lasting["paper"], 0.0,
+            "2 min of warm-up, ten positions of 90 s, three turns, 72 s of rest and all moves at "
+            "30 °/s and 30 °/s²"),
+        WORDS.judge("long", lasting["discrete"], 0.0,
+            "six positions of 90 s and ±1080° at 30 °/s about the vertical in each, on the same "
+            "table; by hand and without a plan it may well take three hours"),
+        WORDS.judge("gyro_as_good",
+            *over(gyros[OWN].misalignment, gyros[BY_STEPS].misalignment),
+            f"{told['g']}: 30 °/s tell scale and misalignment better than 10"),
+        WORDS.judge("accelerometer_as_good",
+            *over(held[HELD].misalignment, held[BY_STEPS].misalignment),
+            told["a"]),
     )  # fmt: skip
-    return Section(
-        "time",
-        "Time: half an hour instead of three",
-        (
-            "A table that is led by a program shortens the calibration, not the filter: the "
-            "traditional procedure on the same table is done sooner still. The drawing of the ten "
-            "positions is lost in the copy at hand; these ten and their 90 s are a reconstruction.",
-        ),
-        findings,
-        (_table(lasting, gyros, held),),
-    )
+    return WORDS.section(findings, (_table(lasting, gyros, held),))
 
 
 def _table(lasting: dict[str, float], gyros: dict[str, Score], held: dict[str, Score]) -> Table:

@@ -25,9 +25,9 @@ from inercal.plan import Position, TableStep
 from inercal.recording import Observations, Track
 from inercal.sensors import G0, Noise, Sensor
 from inercal.sensors.catalogue import imu
+from inercal.studies.section import Array
 from inercal.units import Measured
 
-Array = NDArray[np.float64]
 RATE_HZ = 100.0
 ARCSEC = pi / 648_000  # rad
 DEG_MIN, DEG_H = radians(1) / 60, radians(1) / 3600  # rad/s

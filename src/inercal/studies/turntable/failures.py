@@ -1,9 +1,9 @@
 """Where the method fails: what the source leaves unsaid and a user has to know."""
 
-from inercal.studies.claim import Claim, judge, shown
+from inercal.studies.claim import shown
 from inercal.studies.section import Section, Table
 from inercal.studies.turntable.accuracy import FULL, OWN
-from inercal.studies.turntable.experiment import LATE, LATENCY
+from inercal.studies.turntable.experiment import LATENCY
 from inercal.studies.turntable.score import Score, score
 from inercal.studies.turntable.trials import (
     BOTH_WAYS,
@@ -16,17 +16,9 @@ from inercal.studies.turntable.trials import (
     REST,
     Trials,
 )
+from inercal.studies.words import words_of
 
-ANGLES = 14.0  # ″
-_PROCEDURE, _MODEL = "procedure, step 4", "equation 2"
-FED_BACK = Claim("attitudes are subtracted, nothing is fed back: gyro misalignment", _PROCEDURE,
-                 ANGLES, "″", "≤")  # fmt: skip
-ENDS = Claim("attitudes are compared after each turn: gyro coefficients decided", _PROCEDURE, 12.0,
-             "", "≥", basis="words")  # fmt: skip
-ENOUGH = Claim("twelve coefficients are enough at 10 °/h/g: gyro misalignment", _MODEL, ANGLES, "″",
-               "≤")  # fmt: skip
-ON_TIME = Claim(f"the table's attitude is taken as it comes, {LATE / 1e-3:g} ms late: gyro "
-                "misalignment", _PROCEDURE, ANGLES, "″", "≤")  # fmt: skip
+WORDS = words_of("inercal.studies.turntable", "failures")
 ALONE = "19 states, own path"
 _ROWS = (OWN, OPEN, FELT_OWN, FELT, FELT_STATES, LATE_15, LATE_19)
 
@@ -36,42 +28,28 @@ def section(found: Trials) -> Section:
     made = {name: score(runs, "g") for name, runs in found.gyros.items()}
     lost, own, felt = made[OPEN], made[OWN], made[FELT_OWN]
     findings = (
-        judge(FED_BACK, *lost.worst["misalignment"],
-              f"a raw bias of 0.3 °/s turns the attitude away until first-order equations hold no "
-              f"more; fed back it is {shown(own.worst['misalignment'].value)}″"),
-        judge(ENDS, float(max(found.decided)), 0.0,
-              "after whole turns all that misalignments did has gone again: all six are lost, and "
-              "continuous attitudes it must be"),
-        judge(ENOUGH, *felt.worst["misalignment"],
-              f"bias {shown(felt.bias.value)} °/min and NEES {shown(felt.nees.value)} besides; "
-              "with nine more states and the whole recording "
-              f"{shown(made[FELT_STATES].worst['misalignment'].value)}″"),
-        judge(ON_TIME, *made[LATE_15].worst["misalignment"],
-              f"NEES {shown(made[LATE_15].nees.value)}; with the delay as a state "
-              f"{shown(made[LATE_19].worst['misalignment'].value)}″"),
+        WORDS.judge("fed_back", *lost.worst["misalignment"],
+            f"a raw bias of 0.3 °/s turns the attitude away until first-order equations hold no "
+            f"more; fed back it is {shown(own.worst['misalignment'].value)}″"),
+        WORDS.judge("ends", float(max(found.decided)), 0.0,
+            "after whole turns all that misalignments did has gone again: all six are lost, and "
+            "continuous attitudes it must be"),
+        WORDS.judge("enough", *felt.worst["misalignment"],
+            f"bias {shown(felt.bias.value)} °/min and NEES {shown(felt.nees.value)} besides; "
+            "with nine more states and the whole recording "
+            f"{shown(made[FELT_STATES].worst['misalignment'].value)}″"),
+        WORDS.judge("on_time", *made[LATE_15].worst["misalignment"],
+            f"NEES {shown(made[LATE_15].nees.value)}; with the delay as a state "
+            f"{shown(made[LATE_19].worst['misalignment'].value)}″"),
     )  # fmt: skip
-    return Section(
-        "failures",
-        "Failures: what the source leaves unsaid",
-        (
-            "The source does not say whether what the filters find is fed back, nor whether "
-            "attitudes are compared all along or after each turn, nor how late the table's "
-            f"attitude is. All other figures here are with {LATENCY / 1e-3:g} ms.",
-            _one_way(made),
-        ),
+    return WORDS.section(
         findings,
         (_table(made),),
-    )
-
-
-def _one_way(made: dict[str, Score]) -> str:
-    alone, own, both, whole = (
-        shown(made[name].bias.value) for name in (REST, ALONE, BOTH_WAYS, FULL)
-    )
-    return (
-        "Turns in one sense leave the gyros' biases to the rests: 72 s of rest alone tell them to "
-        f"{alone} °/min, with the three turns {own}; there and back at 30 °/s in the same time "
-        f"{both}, and the whole recording {whole}."
+        latency_ms=LATENCY / 1e-3,
+        rest=shown(made[REST].bias.value),
+        alone=shown(made[ALONE].bias.value),
+        both=shown(made[BOTH_WAYS].bias.value),
+        whole=shown(made[FULL].bias.value),
     )
 
 

@@ -14,9 +14,9 @@ from inercal.methods.turntable_kalman.accelerometers import Accelerometers
 from inercal.methods.turntable_kalman.follow import WAYS
 from inercal.methods.turntable_kalman.gyros import Gyros
 from inercal.sensors import Sensor
+from inercal.studies.section import Array
 from inercal.studies.turntable.experiment import SENSOR, TOLD, Case, rows
 
-Array = NDArray[np.float64]
 DISCRETE = discrete()[1:]  # without the warm-up
 TURNING = "x+"  # the step that the gyros' own part begins with
 

@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.keys import CoefficientName
+from inercal.studies.rms import Rms, rms
+from inercal.studies.section import Array
 from inercal.studies.turntable.experiment import ARCSEC, DEG_MIN, MICRO_G, PPM, SENSOR
 from inercal.studies.turntable.filters import Found
 
-Array = NDArray[np.float64]
 Kind = Literal["bias", "scale", "misalignment"]
 KINDS: dict[Kind, tuple[str, ...]] = {
     "bias": ("bias", "k0"),
@@ -18,13 +18,6 @@ KINDS: dict[Kind, tuple[str, ...]] = {
     "misalignment": ("delta_o", "delta_p"),
 }
 _GYROS = SENSOR.only("w").coefficients
-
-
-class Rms(NamedTuple):
-    """A root of a mean square, or a mean, and its Monte Carlo error."""
-
-    value: float
-    u: float
 
 
 class Score(NamedTuple):
@@ -38,13 +31,6 @@ class Score(NamedTuple):
     misalignment: Rms
     nees: Rms  # a coefficient
     worst: dict[Kind, Rms]
-
-
-def rms(errors: Array) -> Rms:
-    """Return the RMS of errors, (devices, ...), those of one device being correlated."""
-    square = np.mean(errors.reshape(len(errors), -1) ** 2, axis=1)
-    value = float(np.sqrt(square.mean()))
-    return Rms(value, float(square.std(ddof=1) / np.sqrt(len(square)) / (2 * value)))
 
 
 def part(found: Sequence[Found], kind: Kind, of: str) -> Array:
@@ -74,6 +60,6 @@ def nees(found: Sequence[Found]) -> Rms:
 def score(found: Sequence[Found], of: str) -> Score:
     """Return the score of the gyros ("g") or the accelerometers ("a")."""
     errors: dict[Kind, Array] = {kind: part(found, kind, of) for kind in KINDS}
-    worst: dict[Kind, Rms] = {k: rms(np.abs(off).max(axis=1)) for k, off in errors.items()}
-    bias, scale, misalignment = (rms(off) for off in errors.values())
+    worst: dict[Kind, Rms] = {k: rms(np.abs(off).max(axis=1), ddof=1) for k, off in errors.items()}
+    bias, scale, misalignment = (rms(off, ddof=1) for off in errors.values())
     return Score(bias, scale, misalignment, nees(found), worst)

@@ -4,19 +4,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from inercal.studies.claim import Claim, Finding, judge, shown
+from inercal.studies.claim import Finding, shown
 from inercal.studies.section import Chart, Line, Panel, Section, Table
 from inercal.studies.turntable.accuracy import FULL, HELD, OWN
 from inercal.studies.turntable.filters import ACCELEROMETERS, GYROS, Found
 from inercal.studies.turntable.score import KINDS, Kind, nees, places, score, unit
 from inercal.studies.turntable.trials import BOTH_WAYS, BY_STEPS, Trials
+from inercal.studies.words import words_of
 
-KNOW = {
-    "g": Claim("15 states err by what they state: NEES a coefficient", "equations 10 to 19", 1.0,
-               "", "≤", basis="words"),
-    "a": Claim("18 states err by what they state: NEES a coefficient", "equations 20 to 27", 1.0,
-               "", "≤", basis="words"),
-}  # fmt: skip
+WORDS = words_of("inercal.studies.turntable", "states")
 _UNITS = {
     "g": {"bias": "°/min", "scale": "ppm", "misalignment": "″"},
     "a": {"bias": "µg", "scale": "ppm", "misalignment": "″"},
@@ -33,24 +29,13 @@ def section(found: Trials) -> Section:
     ):
         one, other = nees(runs[name]), nees(runs[better])
         findings.append(
-            judge(KNOW[of], *one,
-                  f"squared errors over stated variances, 1 where these are right; with the "
-                  f"table's errors as states it is {shown(other.value)} ± {shown(other.u, 1)}")
+            WORDS.judge(f"know_{of}", *one,
+                f"squared errors over stated variances, 1 where these are right; with the "
+                f"table's errors as states it is {shown(other.value)} ± {shown(other.u, 1)}")
         )  # fmt: skip
     gyros = (*GYROS, BOTH_WAYS, BY_STEPS)
     held = (*ACCELEROMETERS, BY_STEPS)
-    return Section(
-        "states",
-        "States: which of them it takes",
-        (
-            "15 and 18 states take the table as exact and the biases as constant. The results of "
-            "15 are nearly those of 19 on the same path, those of 18 up to twice as far off as "
-            "those of 25; what is stated of them is too small, for the accelerometers above all: "
-            "what the table leans and its axes miss is taken for their coefficients. Full has "
-            "drift, delay, right angles and harmonics as states.",
-            "Most is gained at no cost: the gyros' filter over the whole recording, positions and "
-            "moves between them included, not from the first turn on.",
-        ),
+    return WORDS.section(
         findings,
         (
             _table("Gyros: RMS of the errors, bias in °/min", gyros, found.gyros, "g"),

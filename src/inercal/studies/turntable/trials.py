@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.benches.turntable.paths import discrete, fast, paper
 from inercal.methods.turntable import model
@@ -22,7 +21,6 @@ from inercal.studies.turntable.filters import (
     open_loop,
 )
 
-Array = NDArray[np.float64]
 LATE_TABLE = replace(TABLE, latency=replace(TABLE.latency, value=LATE))
 BY_STEPS = "discrete, 19 min"
 BOTH_WAYS = "±1080° at 30 °/s, full, own path"

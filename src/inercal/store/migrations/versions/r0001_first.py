@@ -21,8 +21,7 @@ def upgrade() -> None:
     op.create_table(
         "bench",
         sa.Column("id", sa.Integer, nullable=False),
-        sa.Column("kind", sa.String, nullable=False),
-        sa.Column("name", sa.String, nullable=False),
+        *_texts("kind", "name"),
         *_entered(),
         sa.PrimaryKeyConstraint("id", name="pk_bench"),
         sa.UniqueConstraint("kind", "name", name="uq_bench_kind_name"),
@@ -30,14 +29,9 @@ def upgrade() -> None:
     op.create_table(
         "run",
         sa.Column("id", sa.Integer, nullable=False),
-        sa.Column("key", sa.String, nullable=False),
-        sa.Column("sensor_id", sa.Integer, nullable=False),
-        sa.Column("bench_id", sa.Integer, nullable=False),
-        sa.Column("begun", sa.String, nullable=False),
-        sa.Column("state", sa.String, nullable=False),
-        sa.Column("table_address", sa.String, nullable=False),
-        sa.Column("imu_address", sa.String, nullable=False),
-        sa.Column("folder", sa.String, nullable=False),
+        *_texts("key"),
+        *_numbers("sensor_id", "bench_id"),
+        *_texts("begun", "state", "table_address", "imu_address", "folder"),
         *_entered(),
         sa.PrimaryKeyConstraint("id", name="pk_run"),
         sa.UniqueConstraint("key", name="uq_run_key"),
@@ -62,11 +56,7 @@ def upgrade() -> None:
         sa.Column("sensor_id", sa.Integer, nullable=False),
         sa.Column("bench_id", sa.Integer),
         sa.Column("run_id", sa.Integer),
-        sa.Column("measured", sa.String, nullable=False),
-        sa.Column("measured_from", sa.String, nullable=False),
-        sa.Column("method", sa.String, nullable=False),
-        sa.Column("estimator", sa.String, nullable=False),
-        sa.Column("recording_sha256", sa.String, nullable=False),
+        *_texts("measured", "measured_from", "method", "estimator", "recording_sha256"),
         sa.Column("content", sa.Text, nullable=False),
         sa.Column("sha256", sa.String, nullable=False),
         *_entered(),
@@ -93,8 +83,13 @@ def upgrade() -> None:
     )
 
 
-def _entered() -> tuple["sa.Column[str]", "sa.Column[str]"]:
-    return (
-        sa.Column("entered_by", sa.String, nullable=False),
-        sa.Column("entered_at", sa.String, nullable=False),
-    )
+def _texts(*names: str) -> "list[sa.Column[str]]":
+    return [sa.Column(name, sa.String, nullable=False) for name in names]
+
+
+def _numbers(*names: str) -> "list[sa.Column[int]]":
+    return [sa.Column(name, sa.Integer, nullable=False) for name in names]
+
+
+def _entered() -> "list[sa.Column[str]]":
+    return _texts("entered_by", "entered_at")
