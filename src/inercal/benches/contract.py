@@ -66,6 +66,16 @@ class MeanMotion:
     df: Mapping[str, Array] = field(default_factory=dict[str, Array])
     dw: Mapping[str, Array] = field(default_factory=dict[str, Array])
 
+    @property
+    def f(self) -> Array:
+        """Mean specific force, (..., r, 3) m/s²."""
+        return self.motion.f
+
+    @property
+    def w(self) -> Array:
+        """Mean angular rate, (..., r, 3) rad/s."""
+        return self.motion.w
+
 
 @runtime_checkable
 class MeanBench(Bench, Protocol):

@@ -19,21 +19,19 @@ nearest to what the bench states. Directions with a standard deviation above a t
 natural size are taken as the estimator left them, as they count as not observed.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches import MeanMotion
 from inercal.benches.rate_table.bench import RateTable, by_parameter, felt
 from inercal.estimate import Candidate, Gaussian, Problem, Scored, scored
 from inercal.estimate.once import Once
 from inercal.estimate.scores import UNSCORED
 from inercal.methods import vectors
 from inercal.methods.observed import OBSERVED
-from inercal.motion import Motion
 from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import G0, Sensor
@@ -60,15 +58,15 @@ def joint_problem(
     priors: Sequence[Gaussian] = (),
 ) -> Problem:
     """Return the problem of all readings, with the bench's errors as nuisances."""
-
-    def motion(q: Mapping[str, Array]) -> MeanMotion:
-        nominal = felt(bench, steps, q)
-        return MeanMotion(Motion(nominal.f), nominal.by)
-
     # Rows of a table without times are taken in the order in which they were measured.
-    declared = bench.acting(steps)
     return vectors.problem(
-        observations, sensor, declared, motion, priors, timed=True, common=("lean",)
+        observations,
+        sensor,
+        bench.acting(steps),
+        lambda q: bench.mean_motion(steps, q),
+        priors,
+        timed=True,
+        common=("lean",),
     )
 
 
@@ -102,7 +100,7 @@ def by_stated(bench: RateTable, steps: Sequence[Spin], gain: Array) -> dict[str,
     gain : (..., 12, 3 r) array
         As of `consistency`: what is stated adds to f, and so takes from M a + p − f.
     """
-    made = felt(bench, steps, {}).by
+    made = felt(bench, steps, {}).df
     return {
         name: -gain @ made[name].ravel() / G0
         for name, q in bench.acting(steps).items()
