@@ -82,9 +82,9 @@ def perform_on_arm(
     return SimulatedMotion(time, motion, np.array(labels), drawn, readback)
 
 
-def seconds_on_arm(step: Spin) -> float:
-    """Return how long a step lasts at most, from rest to rest."""
-    return step.seconds + _SETTLING + 2 * (_REST + abs(step.rate) / SPIN_UP)
+def seconds_on_arm(bench: Centrifuge, steps: Sequence[Spin]) -> float:
+    """Return how long these steps last at most, each from rest to rest."""
+    return sum(step.seconds + _SETTLING + 2 * (_REST + abs(step.rate) / SPIN_UP) for step in steps)
 
 
 def _angles(step: Spin) -> tuple[float, float]:

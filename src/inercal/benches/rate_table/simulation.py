@@ -88,7 +88,7 @@ def perform_on_table(
     return SimulatedMotion(time, motion, np.array(labels), drawn, readback)
 
 
-def seconds_on_table(steps: Sequence[Spin]) -> float:
+def seconds_on_table(bench: RateTable, steps: Sequence[Spin]) -> float:
     """Return how long these steps last, from the first mounting's rest to the last one's."""
     return sum(
         _IDLE * 2 + sum(step.seconds + _SETTLING for step in own) + sum(_ramps(own))
