@@ -169,17 +169,17 @@ def consistency(
     a, square = some.mean / G0, (f[at_groups] ** 2).sum(-1)
     nearest = model if level else _turned(model, a, f)
 
-    def compared_at(model: Affine, readings: Array) -> tuple[Array, Array]:
+    def residuals(model: Affine, readings: Array) -> tuple[Array, Array]:
         of_level, of_groups = readings[..., at_level, :], readings[..., at_groups, :]
         return linearised(model, of_level, f[at_level], of_groups, square)
 
     def at(theta: Array) -> tuple[Array, Array]:
         # Slopes at the noise of the readings would have a share of it, and so of the residuals.
         here = Affine.of(theta)
-        return compared_at(here, a)[0], compared_at(here, here.inverse.correct(f))[1]
+        return residuals(here, a)[0], residuals(here, here.inverse.correct(f))[1]
 
-    compared = _compared(nearest, a, at_level, at_groups)
-    spread = compared @ of_rows(some, bench, here, nearest.matrix) @ np.swapaxes(compared, -1, -2)
+    map_to = compared(nearest, a, at_level, at_groups)
+    spread = map_to @ of_rows(some, bench, here, nearest.matrix) @ np.swapaxes(map_to, -1, -2)
     whitener = _whitener(spread)
     theta = np.array(nearest.theta)
     theta, u, residual = _fitted(theta, at, whitener)
@@ -197,7 +197,7 @@ def consistency(
         assert asked.candidates is not None
         # As the slopes: where the rows are by the fit, without their noise.
         expected = fitted.inverse.correct(f)
-        from_readings = whitener @ _compared(fitted, expected, at_level, at_groups)
+        from_readings = whitener @ compared(fitted, expected, at_level, at_groups)
         own = [3 * k + axis for k in used for axis in range(3)]
         whitened: list[Candidate] = []
         for one in asked.candidates(start):
@@ -246,7 +246,7 @@ def _directions(slope: Array, count: int) -> tuple[Array, Array, Array]:
     )
 
 
-def _compared(model: Affine, a: Array, level: Sequence[int], groups: Sequence[int]) -> Array:
+def compared(model: Affine, a: Array, level: Sequence[int], groups: Sequence[int]) -> Array:
     """Return the map from M a + p of all rows, axes within, to the rows as compared."""
     size = 3 * len(level)
     columns = (3 * np.asarray(level, dtype=np.intp)[:, None] + np.arange(3)).ravel()
