@@ -112,6 +112,12 @@ class MeanBench(Bench, Protocol):
         ...
 
 
+def one_after_another(parts: Sequence[Motion]) -> Motion:
+    """Return f and ω of motions, (trials, n, 3) each, that follow one another."""
+    f, w = ([getattr(part, name) for part in parts] for name in ("f", "w"))
+    return Motion(np.concatenate(f, axis=-2), np.concatenate(w, axis=-2))
+
+
 @dataclass(frozen=True, eq=False)
 class SimulatedMotion:
     """A plan carried out in simulation.

@@ -222,11 +222,10 @@ def felt(bench: RateTable, steps: Sequence[Spin], q: Mapping[str, Array]) -> Mea
     inward, along, upward = ((turn @ v[..., None])[..., 0] for v in (-out, along, up))
     reaction = root[..., None] * upward + lean[..., :1] * inward + lean[..., 1:] * along
     f = a[..., None] * inward + g[..., None] * reaction
-    by_radius = turned[..., None] ** 2 * inward
     by_rate = (2 * radius * turned * w)[..., None] * inward
     by_pose = -skew(f) @ left_jacobian(pose)
-    slopes = {"g": reaction, "radius": by_radius, "seat": by_radius, "rate": by_rate}
-    slopes |= {"speed": by_rate}
+    slopes = {"g": reaction, "rate": by_rate, "speed": by_rate}
+    slopes |= dict.fromkeys(("radius", "seat"), turned[..., None] ** 2 * inward)
     slopes |= {
         f"lean_{k}": g[..., None] * (across - (lean[..., k - 1] / root)[..., None] * upward)
         for k, across in zip(_LEAN, (inward, along), strict=True)
