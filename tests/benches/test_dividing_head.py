@@ -45,19 +45,19 @@ def test_slopes_are_those_of_the_force(collimated: str):
     declared = bench.acting(steps)
     q = {n: np.array(p.value + 0.01 * rng.standard_normal()) for n, p in declared.items()}
     made = felt(bench, steps, q)
-    assert set(made.by) == set(declared)
+    assert set(made.df) == set(declared)
     for name in declared:
         near, far = (felt(bench, steps, q | {name: q[name] + h}).f for h in (-1e-5, 1e-5))
-        assert made.by[name] == pytest.approx((far - near) / 2e-5, abs=1e-8)
+        assert made.df[name] == pytest.approx((far - near) / 2e-5, abs=1e-8)
 
 
 def test_a_pair_shares_the_head_and_differs_by_the_trim():
     made = felt(BENCH, positions(12), {})
-    turned = {name: np.hypot(*by[:, :2].T) / 9.8 for name, by in made.by.items()}
+    turned = {name: np.hypot(*by[:, :2].T) / 9.8 for name, by in made.df.items()}
     assert np.flatnonzero(turned["division[f01]"]).tolist() == [0, 6]
     assert np.flatnonzero(turned["division[f04]"]).tolist() == [3, 9]
     assert np.flatnonzero(turned["trim[f07]"]).tolist() == [6]
-    assert "division[f07]" not in made.by
+    assert "division[f07]" not in made.df
     assert turned["cos1"][6] == pytest.approx(1)
     assert BENCH.acting(positions(12))["trim[f10]"].sd == pytest.approx(np.sqrt(2) * 5e-7)
 
@@ -103,12 +103,12 @@ def test_how_angles_of_collimated_positions_were_rounded_does_not_count(collimat
     rounded = [replace(s, angle=round(s.angle, 4)) for s in steps]
     bench = replace(BENCH, collimated=collimated)
     made, exact = (felt(bench, some, {}) for some in (rounded, steps))
-    assert made.by.keys() == exact.by.keys()
+    assert made.df.keys() == exact.df.keys()
     off = np.abs(made.f - exact.f).max(axis=-1) / 9.8
     trimmed = [2, 5] if collimated == "pairs" else range(8)
     assert off[trimmed].max() < 1e-15
     plain = felt(replace(BENCH, collimated="none"), rounded, {})
-    assert plain.by.keys() == felt(replace(BENCH, collimated="none"), steps, {}).by.keys()
+    assert plain.df.keys() == felt(replace(BENCH, collimated="none"), steps, {}).df.keys()
 
 
 def test_a_face_is_looked_for_where_the_autocollimator_is_read_alone():
@@ -146,14 +146,14 @@ def test_a_face_errs_alike_in_both_passes_and_in_both_members_of_a_pair():
     made = felt(replace(bench, collimated="every"), forth, {})
     weights = {
         name: np.round((by[:, :2] * [[0, -1]] + by[:, :2] * [[1, 0]]).sum(-1) / 9.8, 9)
-        for name, by in made.by.items()
+        for name, by in made.df.items()
     }
     assert np.flatnonzero(weights["polygon[f02]"]).tolist() == [1, 6]
-    assert "division[f01]" not in made.by
+    assert "division[f01]" not in made.df
     pairs = felt(bench, forth, {})
-    turned = {name: np.hypot(*by[:, :2].T) / 9.8 for name, by in pairs.by.items()}
+    turned = {name: np.hypot(*by[:, :2].T) / 9.8 for name, by in pairs.df.items()}
     assert np.flatnonzero(turned["polygon[f01]"]).tolist() == [2, 5]
-    assert np.array_equal(pairs.by["polygon[f01]"], -pairs.by["polygon[f03]"])
+    assert np.array_equal(pairs.df["polygon[f01]"], -pairs.df["polygon[f03]"])
 
 
 def test_drifts_go_on_from_pass_to_pass_about_the_mean():

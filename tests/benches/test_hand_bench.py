@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from inercal.benches import Hand
-from inercal.benches.hand.bench import DEGREE, Felt, across, felt, tilted
+from inercal.benches import Hand, MeanMotion
+from inercal.benches.hand.bench import DEGREE, across, felt, tilted
 from inercal.earth import EARTH_RATE
 from inercal.plan import AXES, HandStep, Hold, Turn, Vector, ferraris
 from inercal.units import Measured
@@ -38,7 +38,7 @@ def nuisances(step: HandStep) -> dict[str, float]:
     return q
 
 
-def at(step: HandStep, q: dict[str, float]) -> Felt:
+def at(step: HandStep, q: dict[str, float]) -> MeanMotion:
     return felt(step, SECONDS, {name: np.array(value) for name, value in q.items()})
 
 

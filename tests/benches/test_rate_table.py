@@ -100,10 +100,10 @@ def test_slopes_are_those_of_the_force():
     declared = BENCH.acting(steps)
     q = {n: np.array(p.value + 0.01 * rng.standard_normal()) for n, p in declared.items()}
     made = felt(BENCH, steps, q)
-    assert set(made.by) == set(declared)
+    assert set(made.df) == set(declared)
     for name in declared:
         near, far = (felt(BENCH, steps, q | {name: q[name] + h}).f for h in (-1e-5, 1e-5))
-        assert made.by[name] == pytest.approx((far - near) / 2e-5, abs=2e-8)
+        assert made.df[name] == pytest.approx((far - near) / 2e-5, abs=2e-8)
 
 
 def test_mountings_and_speeds_share_what_is_theirs():
@@ -111,7 +111,7 @@ def test_mountings_and_speeds_share_what_is_theirs():
     made = felt(BENCH, steps, {})
     acts = {
         name: {s.label for s, by in zip(steps, slope, strict=True) if by.any()}
-        for name, slope in made.by.items()
+        for name, slope in made.df.items()
     }
     assert acts["pose_y[XY]"] == {"XY_0", "XY_46", "XY_86"}
     assert acts["seat[XY]"] == {"XY_46", "XY_86"}

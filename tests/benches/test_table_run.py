@@ -99,4 +99,4 @@ def test_it_lasts_as_long_as_is_said():
         done = perform_on_table(EXACT, steps, FS, np.random.default_rng(1))
         said = done.readback
         assert done.time.size == said["arm_rate"].size == done.labels.size
-        assert done.time[-1] == pytest.approx(seconds_on_table(steps), abs=0.5)
+        assert done.time[-1] == pytest.approx(seconds_on_table(EXACT, steps), abs=0.5)

@@ -66,6 +66,16 @@ class MeanMotion:
     df: Mapping[str, Array] = field(default_factory=dict[str, Array])
     dw: Mapping[str, Array] = field(default_factory=dict[str, Array])
 
+    @property
+    def f(self) -> Array:
+        """Mean specific force, (..., r, 3) m/s²."""
+        return self.motion.f
+
+    @property
+    def w(self) -> Array:
+        """Mean angular rate, (..., r, 3) rad/s."""
+        return self.motion.w
+
 
 @runtime_checkable
 class MeanBench(Bench, Protocol):
@@ -100,6 +110,12 @@ class MeanBench(Bench, Protocol):
             Of m axes.
         """
         ...
+
+
+def one_after_another(parts: Sequence[Motion]) -> Motion:
+    """Return f and ω of motions, (trials, n, 3) each, that follow one another."""
+    f, w = ([getattr(part, name) for part in parts] for name in ("f", "w"))
+    return Motion(np.concatenate(f, axis=-2), np.concatenate(w, axis=-2))
 
 
 @dataclass(frozen=True, eq=False)

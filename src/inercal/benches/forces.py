@@ -1,7 +1,6 @@
-"""What a bench makes accelerometers feel, position by position, with its derivatives."""
+"""Directions of what an arm or a table that turns makes accelerometers feel."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,22 +9,6 @@ from inercal.errors import InputError
 from inercal.plan import Spin
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class Felt:
-    """Specific force in each row, (..., r, 3) m/s², with derivatives.
-
-    Parameters
-    ----------
-    f : (..., r, 3) array
-        In the sensor's frame.
-    by : mapping of str to (..., r, 3) array
-        ∂f by each of the bench's parameters that act, by full name.
-    """
-
-    f: Array
-    by: Mapping[str, Array] = field(default_factory=dict[str, Array])
 
 
 def directions(steps: Sequence[Spin]) -> tuple[Array, Array]:

@@ -6,6 +6,7 @@ return data: what is drawn and printed, report and terminal draw and print.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -97,13 +98,32 @@ def sum_of_steps(bench: Any, steps: Sequence[Step]) -> float:
     return sum(step.seconds for step in steps)
 
 
-def by_motion(perform: Callable[..., SimulatedMotion]) -> Simulate[Any]:
+def when_called(module: str, function: str) -> Callable[..., Any]:
+    """Return a function of a module that is imported when the function is called.
+
+    What finds sections in recordings comes with compiled kernels, which plans do without.
+
+    Parameters
+    ----------
+    module, function : str
+        Full name of the module, and the function's name in it.
+    """
+
+    def call(*arguments: Any) -> Any:
+        return getattr(import_module(module), function)(*arguments)
+
+    return call
+
+
+def by_motion(perform: Callable[..., SimulatedMotion], *, in_hand: bool = False) -> Simulate[Any]:
     """Return `Kind.simulate` of a bench whose simulation asks for no sensor.
 
     Parameters
     ----------
     perform : callable
         From bench, steps, samples per second, generator and number of trials to the motion.
+    in_hand : bool
+        Whether `perform` takes the keyword `carried` too: the sensor may stay in a hand.
     """
 
     def simulate(
@@ -115,7 +135,8 @@ def by_motion(perform: Callable[..., SimulatedMotion]) -> Simulate[Any]:
         sensor: Sensor,
         carried: bool,
     ) -> Simulated:
-        return Simulated(perform(bench, steps, rate_hz, rng, trials), sensor)
+        more = {"carried": carried} if in_hand else {}
+        return Simulated(perform(bench, steps, rate_hz, rng, trials, **more), sensor)
 
     return simulate
 

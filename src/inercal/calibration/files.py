@@ -11,6 +11,7 @@ Files of schema 1 have neither `shared`, `validity` nor `job`, and are read.
 
 import hashlib
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, cast, get_args
 
@@ -42,12 +43,7 @@ def as_object(calibration: Calibration) -> dict[str, Any]:
                     "measures": axis.measures,
                     "i": list(axis.i),
                     "p": list(axis.p),
-                    "readout": {
-                        "scale": axis.readout.scale,
-                        "offset": axis.readout.offset,
-                        "unit": axis.readout.unit,
-                        "full_scale": axis.readout.full_scale,
-                    },
+                    "readout": asdict(axis.readout),
                 }
                 for axis in sensor.axes
             ],

@@ -1,6 +1,7 @@
 """What a run file says of its data, in the words of `inercal.io`: columns, limits, deviations."""
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -200,6 +201,16 @@ def plain(value: object) -> str:
     if isinstance(value, float) and value.is_integer():
         return str(int(value))
     return str(value).strip()
+
+
+def numbered(names: Sequence[str]) -> list[str]:
+    """Return a name for each row of names that may return, such as "x_p (2)"."""
+    count: Counter[str] = Counter()
+    found: list[str] = []
+    for name in names:
+        count[name] += 1
+        found.append(name if count[name] == 1 else f"{name} ({count[name]})")
+    return found
 
 
 def _column_rate(run: Source[DataSection]) -> float | None:

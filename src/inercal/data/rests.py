@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from inercal.data.section import DataSection
+from inercal.data.section import DataSection, RestsSection
 from inercal.data.source import Source
 from inercal.errors import InputError
 from inercal.io.marks import as_read, marks_from_file
@@ -31,6 +31,43 @@ def still_but_accepted(
     return require_still(recording, run.sensor, marks, run.data.moving)
 
 
+def moving_rests(
+    run: Source[RestsSection], recording: Recording, marks: Sequence[Mark]
+) -> tuple[Finding, ...]:
+    """Return what `still_but_accepted` says of marked rests; those that are found are still.
+
+    Raises
+    ------
+    InputError
+        As `still_but_accepted`, or the run file accepts rests that move where they are found.
+    """
+    if run.data.marks != "found":
+        return still_but_accepted(run, recording, marks)
+    if run.data.accept_moving is not None:
+        raise InputError(
+            f"{run.path}: [data] accept_moving goes with marks of your own: rests that are found "
+            "are still"
+        )
+    return ()
+
+
+def stated_marks(
+    run: Source[DataSection], recording: Recording, *, again: bool = False
+) -> tuple[Mark, ...]:
+    """Return the marked sections, by the recording's labels or of the file of marks.
+
+    Parameters
+    ----------
+    run : Run
+    recording : Recording
+    again : bool
+        Whether a label may return.
+    """
+    if run.data.marks == "labels":
+        return marks_from_labels(recording, again=again)
+    return as_read(marks_from_file(run.file(run.data.marks)), recording)
+
+
 def seen_rests(run: Source[DataSection], recording: Recording) -> FoundRests:
     """Return the rests that were found without a plan, or the marked sections."""
     if run.data.marks == "found":
@@ -39,14 +76,9 @@ def seen_rests(run: Source[DataSection], recording: Recording) -> FoundRests:
         except InputError as error:
             marks, text = (), str(error)
     else:
-        labelled = run.data.marks == "labels"
-        marks = marks_from_labels(recording) if labelled else _from_file(run, recording)
+        marks = stated_marks(run, recording)
+        if run.data.marks != "labels":
+            check_marks(marks, recording, [mark.label for mark in marks])
         text = f"{len(marks)} sections are marked"
     levels = judged_levels(recording, run.sensor)
     return FoundRests(marks, levels, WINDOW, Finding("note", "rests", text))
-
-
-def _from_file(run: Source[DataSection], recording: Recording) -> tuple[Mark, ...]:
-    marks = as_read(marks_from_file(run.file(run.data.marks)), recording)
-    check_marks(marks, recording, [mark.label for mark in marks])
-    return marks

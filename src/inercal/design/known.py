@@ -4,6 +4,7 @@ The readings are made by the bench as declared, with the noise and the priors as
 (`inercal.budget.experiment`); the run's data are not looked at.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -75,10 +76,12 @@ def estimate_of_plan(run: Run, rows: str) -> Estimate:
 
 def alone(estimate: Estimate, sensor: Sensor) -> tuple[Known, ...]:
     """Return each coefficient of the sensor."""
-    found: list[Known] = []
     # As modelled: by how much one draw of the noise scatters is no matter of the plan.
-    variance = np.diagonal(estimate.covariance)
-    for name, std in zip(sensor.coefficients, np.sqrt(variance).tolist(), strict=False):
-        line = sensor.coefficient(name)
-        found.append(Known(name, line.meaning, line.unit, line.si, std))
-    return tuple(found)
+    std = np.sqrt(np.diagonal(estimate.covariance)[: len(sensor.coefficients)])
+    return of_coefficients(sensor, dict(zip(sensor.coefficients, std.tolist(), strict=True)))
+
+
+def of_coefficients(sensor: Sensor, std: Mapping[str, float]) -> tuple[Known, ...]:
+    """Return each coefficient of the sensor, of standard uncertainties by its name, SI."""
+    lines = [(name, sensor.coefficient(name)) for name in sensor.coefficients]
+    return tuple(Known(name, line.meaning, line.unit, line.si, std[name]) for name, line in lines)

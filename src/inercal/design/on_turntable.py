@@ -5,7 +5,7 @@ the method's own estimator goes over the path as an ideal sensor would record it
 with noise and table as stated.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,7 @@ import numpy as np
 from inercal.benches.turntable import Turntable, turntable_of
 from inercal.benches.turntable.attitude import motion
 from inercal.benches.turntable.simulation import Travel, travel
-from inercal.design.known import Known
+from inercal.design.known import Known, alone, of_coefficients
 from inercal.errors import InputError, NotObserved
 from inercal.methods.temperature import require_planless
 from inercal.methods.turntable import model
@@ -160,7 +160,7 @@ def _filtered(
         std = np.where(std < _OPEN * model.expected(filtered.part), std, np.nan)
         found |= dict(zip(names, std.tolist(), strict=True))
         undecided += [free.words for free in model.undecided(filtered.part, covariance)]
-    return _known(run, found), tuple(undecided)
+    return of_coefficients(run.sensor, found), tuple(undecided)
 
 
 def _estimated(
@@ -187,10 +187,4 @@ def _estimated(
     )
     steps = [step for step, _, _ in spans]
     estimate = run.solver()(observations, run.sensor, bench, steps, run.priors)
-    std = np.sqrt(np.diagonal(estimate.covariance)[: len(run.sensor.coefficients)])
-    return _known(run, dict(zip(run.sensor.coefficients, std.tolist(), strict=True)))
-
-
-def _known(run: Run, found: Mapping[str, float]) -> tuple[Known, ...]:
-    lines = [(name, run.sensor.coefficient(name)) for name in run.sensor.coefficients]
-    return tuple(Known(name, line.meaning, line.unit, line.si, found[name]) for name, line in lines)
+    return alone(estimate, run.sensor)

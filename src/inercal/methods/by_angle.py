@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches import MeanMotion
 from inercal.benches.dividing_head.bench import DividingHead, drift_names, felt
 from inercal.benches.dividing_head.bench import positions as on_head
 from inercal.benches.dividing_head.head_angles import angles
@@ -15,7 +14,6 @@ from inercal.errors import InputError
 from inercal.estimate import Gaussian, Problem
 from inercal.keys import CoefficientName
 from inercal.methods import candidates, vectors
-from inercal.motion import Motion
 from inercal.parameters import Parameter
 from inercal.plan import Index
 from inercal.recording import Observations
@@ -82,7 +80,7 @@ def problem(
             observations,
             sensor,
             declared,
-            lambda q: _felt(bench, steps, q),
+            lambda q: bench.mean_motion(steps, q),
             added=_drifts(sensor, steps),
         )
 
@@ -139,11 +137,6 @@ def _families(
     return made | drifts
 
 
-def _felt(bench: DividingHead, steps: Sequence[Index], q: Mapping[str, Array]) -> MeanMotion:
-    made = felt(bench, steps, q)
-    return MeanMotion(Motion(made.f), made.by)
-
-
 def as_stated(
     observations: Observations, sensor: Sensor, bench: DividingHead, steps: Sequence[Index]
 ) -> Observations:
@@ -166,8 +159,8 @@ def as_stated(
             "beyond its angle, too far for formulas of the angles themselves; use joint"
         )
     made = felt(bench, steps, {})
-    slope = sensor.slope(Motion(made.f), np.zeros(len(sensor.coefficients)))[..., :3]
-    turned = (slope @ made.by["base"][..., None])[..., 0]
+    slope = sensor.slope(made.motion, np.zeros(len(sensor.coefficients)))[..., :3]
+    turned = (slope @ made.df["base"][..., None])[..., 0]
     return replace(observations, mean=observations.mean - beyond[:, None] * turned)
 
 

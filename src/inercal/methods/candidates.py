@@ -268,10 +268,15 @@ def of_priors(sensor: Sensor, told: Sequence[str], column: Mapping[str, Array]) 
     ]
 
 
+def natural(parameter: Parameter) -> float:
+    """Return the natural size of a bench's parameter, SI, which makes columns comparable."""
+    return _NATURAL.get(parameter.unit, 1.0)
+
+
 def _largest(parameter: Parameter) -> float:
     """Return the largest plausible departure of a bench's parameter from what was stated, SI."""
-    natural = max(abs(parameter.value), _NATURAL.get(parameter.unit, 1.0))
-    return max(largest_angle(parameter.name, LARGEST * natural), 10 * parameter.sd)
+    size = max(abs(parameter.value), natural(parameter))
+    return max(largest_angle(parameter.name, LARGEST * size), 10 * parameter.sd)
 
 
 def largest_angle(name: str, otherwise: float = LARGEST) -> float:

@@ -28,7 +28,6 @@ from inercal.sensors import G0, Sensor, inverse
 Array = NDArray[np.float64]
 _EXACT = 1e-15  # SI; what is known better is exact, such as the level earth rate at a pole
 _ACROSS = 1e-6  # of g, or of a turn's rate
-_NATURAL = {"m/s²": G0, "rad": 1.0, "rad/s": 1.0, "1": 1.0}  # sizes that make columns comparable
 
 
 def ml(
@@ -134,7 +133,7 @@ def problem(
         return problem(observations, whole, bench, done, curvature=curvature, freed=True)
 
     position = {name: k for k, name in enumerate(names[p:])}
-    sizes = [_NATURAL[parameter.unit] for parameter in loose.values()]
+    sizes = [candidates.natural(parameter) for parameter in loose.values()]
     bench_prior = Gaussian.independent(
         tuple(loose),
         [parameter.value for parameter in loose.values()],

@@ -19,21 +19,19 @@ nearest to what the bench states. Directions with a standard deviation above a t
 natural size are taken as the estimator left them, as they count as not observed.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches import MeanMotion
 from inercal.benches.rate_table.bench import RateTable, by_parameter, felt
 from inercal.estimate import Candidate, Gaussian, Problem, Scored, scored
 from inercal.estimate.once import Once
 from inercal.estimate.scores import UNSCORED
 from inercal.methods import vectors
 from inercal.methods.observed import OBSERVED
-from inercal.motion import Motion
 from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import G0, Sensor
@@ -60,15 +58,15 @@ def joint_problem(
     priors: Sequence[Gaussian] = (),
 ) -> Problem:
     """Return the problem of all readings, with the bench's errors as nuisances."""
-
-    def motion(q: Mapping[str, Array]) -> MeanMotion:
-        nominal = felt(bench, steps, q)
-        return MeanMotion(Motion(nominal.f), nominal.by)
-
     # Rows of a table without times are taken in the order in which they were measured.
-    declared = bench.acting(steps)
     return vectors.problem(
-        observations, sensor, declared, motion, priors, timed=True, common=("lean",)
+        observations,
+        sensor,
+        bench.acting(steps),
+        lambda q: bench.mean_motion(steps, q),
+        priors,
+        timed=True,
+        common=("lean",),
     )
 
 
@@ -102,7 +100,7 @@ def by_stated(bench: RateTable, steps: Sequence[Spin], gain: Array) -> dict[str,
     gain : (..., 12, 3 r) array
         As of `consistency`: what is stated adds to f, and so takes from M a + p − f.
     """
-    made = felt(bench, steps, {}).by
+    made = felt(bench, steps, {}).df
     return {
         name: -gain @ made[name].ravel() / G0
         for name, q in bench.acting(steps).items()
@@ -171,17 +169,17 @@ def consistency(
     a, square = some.mean / G0, (f[at_groups] ** 2).sum(-1)
     nearest = model if level else _turned(model, a, f)
 
-    def compared_at(model: Affine, readings: Array) -> tuple[Array, Array]:
+    def residuals(model: Affine, readings: Array) -> tuple[Array, Array]:
         of_level, of_groups = readings[..., at_level, :], readings[..., at_groups, :]
         return linearised(model, of_level, f[at_level], of_groups, square)
 
     def at(theta: Array) -> tuple[Array, Array]:
         # Slopes at the noise of the readings would have a share of it, and so of the residuals.
         here = Affine.of(theta)
-        return compared_at(here, a)[0], compared_at(here, here.inverse.correct(f))[1]
+        return residuals(here, a)[0], residuals(here, here.inverse.correct(f))[1]
 
-    compared = _compared(nearest, a, at_level, at_groups)
-    spread = compared @ of_rows(some, bench, here, nearest.matrix) @ np.swapaxes(compared, -1, -2)
+    map_to = compared(nearest, a, at_level, at_groups)
+    spread = map_to @ of_rows(some, bench, here, nearest.matrix) @ np.swapaxes(map_to, -1, -2)
     whitener = _whitener(spread)
     theta = np.array(nearest.theta)
     theta, u, residual = _fitted(theta, at, whitener)
@@ -199,7 +197,7 @@ def consistency(
         assert asked.candidates is not None
         # As the slopes: where the rows are by the fit, without their noise.
         expected = fitted.inverse.correct(f)
-        from_readings = whitener @ _compared(fitted, expected, at_level, at_groups)
+        from_readings = whitener @ compared(fitted, expected, at_level, at_groups)
         own = [3 * k + axis for k in used for axis in range(3)]
         whitened: list[Candidate] = []
         for one in asked.candidates(start):
@@ -248,7 +246,7 @@ def _directions(slope: Array, count: int) -> tuple[Array, Array, Array]:
     )
 
 
-def _compared(model: Affine, a: Array, level: Sequence[int], groups: Sequence[int]) -> Array:
+def compared(model: Affine, a: Array, level: Sequence[int], groups: Sequence[int]) -> Array:
     """Return the map from M a + p of all rows, axes within, to the rows as compared."""
     size = 3 * len(level)
     columns = (3 * np.asarray(level, dtype=np.intp)[:, None] + np.arange(3)).ravel()

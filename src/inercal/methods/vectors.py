@@ -19,20 +19,10 @@ from inercal.methods import candidates, temperature
 from inercal.observe import vector
 from inercal.parameters import Parameter
 from inercal.recording import Observations
-from inercal.sensors import G0, Sensor
+from inercal.sensors import Sensor
 
 Array = NDArray[np.float64]
 ROUNDING = 2.0**-50  # of a reading, by the few operations that give it
-_NATURAL = {
-    "m/s²": G0,
-    "m": 1.0,
-    "(m/s²)⁻¹": 1 / G0,
-    "1": 1.0,
-    "rad": 1.0,
-    "rad/s": 1.0,
-    "s": 1.0,
-}
-
 
 Feel = Callable[[Mapping[str, Array]], MeanMotion]
 
@@ -271,7 +261,7 @@ def start(p: int, loose: Mapping[str, Parameter]) -> Array:
 
 def scale(sensor: Sensor, loose: Mapping[str, Parameter]) -> Array:
     """Return the natural size of each coefficient and of each of the bench's parameters."""
-    return np.concatenate([sensor.natural, [_NATURAL[q.unit] for q in loose.values()]])
+    return np.concatenate([sensor.natural, [candidates.natural(q) for q in loose.values()]])
 
 
 def with_bench(loose: Mapping[str, Parameter], priors: Sequence[Gaussian]) -> tuple[Gaussian, ...]:

@@ -200,9 +200,9 @@ def calibrate(
         # Filters weigh samples by the stated noise.
         noise_dof=observations.dof if observations.track is None else inf,
     )
-    judged = verdict(
-        estimate, sensor, findings, expected, run.method.possible(sensor), _row_word(run)
-    )
+    row_word = "rest" if run.method.free else run.kind.words.row
+    possible = run.method.possible(sensor)
+    judged = verdict(estimate, sensor, findings, expected, possible, row_word)
     calibration = Calibration(
         sensor,
         estimate.value[:p],
@@ -246,12 +246,6 @@ def _rounded(sensor: Sensor, recording: Recording | None) -> Sensor:
     assert recording is not None
     axes = (replace(a, noise=a.noise.rounded(recording.rate_hz)) for a in sensor.axes)
     return replace(sensor, axes=tuple(axes))
-
-
-def _row_word(run: Run) -> str:
-    if run.method.free:
-        return "rest"
-    return run.kind.words.row
 
 
 def _search(run: Run) -> dict[str, str]:

@@ -2,9 +2,8 @@
 
 from dataclasses import dataclass
 
-from inercal.data.load import columns, gyro_file, limits, turned_round
+from inercal.data.load import load_recording
 from inercal.errors import InputError
-from inercal.io.read import read_recording
 from inercal.recording import Recording
 from inercal.runfile import Run
 from inercal.segments import FoundRests
@@ -33,10 +32,7 @@ def seen(run: Run) -> Seen | None:
     if run.data.kind == "means" or run.kind.rests is None:
         return None
     try:
-        recording = read_recording(
-            run.file(run.data.file), columns(run), limits(run.sensor), gyro_file(run)
-        )
-        recording = turned_round(run, recording)
+        recording = load_recording(run)
         return Seen(recording, run.kind.rests(run, recording))
     except InputError:
         return None

@@ -31,9 +31,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.benches.contract import MeanMotion
 from inercal.benches.forces import directions
 from inercal.earth import EARTH_RATE
 from inercal.frames import exp_so3, left_jacobian, skew
+from inercal.motion import Motion
 from inercal.plan import Attitude, Spin
 
 if TYPE_CHECKING:
@@ -158,27 +160,10 @@ def felt_norm(bench: "Centrifuge", steps: Sequence[Spin], q: Mapping[str, Array]
     return FeltNorm(n, by, dwell)
 
 
-@dataclass(frozen=True, eq=False)
-class FeltVector:
-    """What the sensor feels in each dwell, (..., r, 3) in its own frame, with derivatives.
+def felt_vector(bench: "Centrifuge", steps: Sequence[Spin], q: Mapping[str, Array]) -> MeanMotion:
+    """Return the mean motion of each dwell in its attitude, with derivatives.
 
-    Parameters
-    ----------
-    f, w : (..., r, 3) arrays
-        Specific force, m/s², and angular rate, rad/s.
-    df, dw : mappings of str to (..., r, 3) array
-        ∂f and ∂w by the bench's parameters, those missing being zero; "dwell_rate" and
-        "dwell_tilt" are of each row's own.
-    """
-
-    f: Array
-    w: Array
-    df: Mapping[str, Array]
-    dw: Mapping[str, Array]
-
-
-def felt_vector(bench: "Centrifuge", steps: Sequence[Spin], q: Mapping[str, Array]) -> FeltVector:
-    """Return the specific force of each dwell in its attitude.
+    "dwell_rate" and "dwell_tilt" are of each row's own.
 
     Parameters
     ----------
@@ -227,12 +212,12 @@ def felt_vector(bench: "Centrifuge", steps: Sequence[Spin], q: Mapping[str, Arra
     inner = exp_so3(index)
     df |= by_attitude(f, _apply(inner, nominal))
     if bench.platform != "locked":
-        return FeltVector(f, np.zeros_like(f), df, {})
+        return MeanMotion(Motion(f, np.zeros_like(f)), df)
     along = _apply(whole, np.broadcast_to(up, f.shape))
     rate = arm.turned[..., None]
     dw = {name: slope[..., None] * along for name, slope in arm.turned_by.items()}
     dw |= by_attitude(rate * along, rate * _apply(inner, np.broadcast_to(up, f.shape)))
-    return FeltVector(f, rate * along, df, dw)
+    return MeanMotion(Motion(f, rate * along), df, dw)
 
 
 def positions(steps: Sequence[Spin]) -> dict[Attitude | None, str]:

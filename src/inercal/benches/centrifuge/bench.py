@@ -15,7 +15,6 @@ from inercal.benches.centrifuge.arm import felt_vector, positions
 from inercal.benches.contract import MeanMotion
 from inercal.benches.declare import constant, declared_parameters, deviation, small_angle
 from inercal.earth import EARTH_RATE
-from inercal.motion import Motion
 from inercal.parameters import Parameter, local_gravity
 from inercal.plan import Spin
 from inercal.sensors import Sensor
@@ -159,7 +158,7 @@ class Centrifuge:
         made = felt_vector(self, steps, stated | dict(q))
         labels = [step.label for step in steps]
         df, dw = (_of_dwells(by, labels) for by in (made.df, made.dw))
-        return MeanMotion(Motion(made.f, made.w), df, dw)
+        return MeanMotion(made.motion, df, dw)
 
     def reading_offsets(
         self, steps: Sequence[Spin], sensor: Sensor, q: Mapping[str, Array]

@@ -7,9 +7,8 @@ from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.benches.centrifuge.report import directions
 from inercal.benches.centrifuge.settings import CentrifugeData, CentrifugeSection, build
 from inercal.benches.centrifuge.simulation import perform_on_arm, seconds_on_arm
-from inercal.benches.kind import Effect, Kind, by_motion
+from inercal.benches.kind import Effect, Kind, by_motion, when_called
 from inercal.benches.report import spin_in_words
-from inercal.data import Gathered, Source
 from inercal.plan import Spin
 from inercal.sensors import G0
 from inercal.units import Measured
@@ -17,21 +16,10 @@ from inercal.units import Measured
 _NONE = Measured(0.0, 0.0)
 
 
-def _seconds(bench: Centrifuge, steps: Sequence[Spin]) -> float:
-    return sum(seconds_on_arm(step) for step in steps)
-
-
 def _refuses_budget(bench: Centrifuge, steps: Sequence[Spin]) -> str:
     if bench.platform == "locked":
         return ""
     return "a budget of a counter-rotating platform is not there: simulate its runs instead"
-
-
-def _observe(run: Source[CentrifugeData]) -> Gathered:
-    # Here: what finds sections comes with compiled kernels, which plans do without.
-    from inercal.benches.centrifuge.reading import observe
-
-    return observe(run)
 
 
 KIND = Kind(
@@ -41,9 +29,9 @@ KIND = Kind(
     CentrifugeData,
     build,
     (Spin,),
-    _observe,
+    when_called("inercal.benches.centrifuge.reading", "observe"),
     by_motion(perform_on_arm),
-    _seconds,
+    seconds_on_arm,
     effects=(
         Effect("earth's rate", "latitude", _NONE, "° of latitude", degrees(1)),
         Effect("stretch of the arm", "stretch", _NONE, "ppm/g", 1e6 * G0),

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from inercal.benches.centrifuge.arm import felt_vector, positions
 from inercal.benches.centrifuge.bench import Centrifuge
-from inercal.benches.contract import SimulatedMotion
+from inercal.benches.contract import SimulatedMotion, one_after_another
 from inercal.benches.forces import directions
 from inercal.frames import exp_so3
 from inercal.motion import Motion
@@ -57,8 +57,7 @@ def perform_on_arm(
     declared = bench.acting(steps, vectors=True, dwells=True)
     drawn = {n: q.value + q.sd * rng.standard_normal(trials) for n, q in declared.items()}
     named = positions(steps)
-    f: list[Array] = []
-    w: list[Array] = []
+    parts: list[Motion] = []
     said: list[Array] = []
     labels: list[str] = []
     azimuth = 0.0
@@ -68,23 +67,20 @@ def perform_on_arm(
         rate, which = _profile(own, rate_hz)
         turned = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]))])
         swept = azimuth + bench.sense / rate_hz * turned
-        parts = _felt(bench, own, drawn, rate, which, swept, 1 / rate_hz)
+        parts.append(_felt(bench, own, drawn, rate, which, swept, 1 / rate_hz))
         azimuth = float(swept[-1])
-        f.append(parts[0])
-        w.append(parts[1])
         head = _angles(own[0])
         said.append(np.stack([rate, *(np.full(rate.size, angle) for angle in head)]))
         labels += [name] * rate.size
-    motion = Motion(np.concatenate(f, axis=-2), np.concatenate(w, axis=-2))
     time = np.arange(len(labels)) / rate_hz
     rate, psi, theta = np.concatenate(said, axis=1)
     readback = {"arm_rate": rate, "psi": psi, "theta": theta}
-    return SimulatedMotion(time, motion, np.array(labels), drawn, readback)
+    return SimulatedMotion(time, one_after_another(parts), np.array(labels), drawn, readback)
 
 
-def seconds_on_arm(step: Spin) -> float:
-    """Return how long a step lasts at most, from rest to rest."""
-    return step.seconds + _SETTLING + 2 * (_REST + abs(step.rate) / SPIN_UP)
+def seconds_on_arm(bench: Centrifuge, steps: Sequence[Spin]) -> float:
+    """Return how long these steps last at most, each from rest to rest."""
+    return sum(step.seconds + _SETTLING + 2 * (_REST + abs(step.rate) / SPIN_UP) for step in steps)
 
 
 def _angles(step: Spin) -> tuple[float, float]:
@@ -119,7 +115,7 @@ def _felt(
     which: NDArray[np.int64],
     azimuth: Array,
     dt: float,
-) -> tuple[Array, Array]:
+) -> Motion:
     """Return f and ω, (trials, n, 3), of one attitude's run."""
     nominal = np.array([step.rate for step in steps])[which]
     # What a dwell feels is known; on the way there the centripetal part follows the rate's square.
@@ -148,10 +144,10 @@ def _felt(
     tangential = bench.radius.value * np.gradient(rate, dt) * bench.sense
     f = f + swing + tangential[:, None] * (body @ along)[:, None]
     if bench.platform == "locked":
-        return f, w
+        return Motion(f, w)
     # The body stays, and the arm goes round: every vector turns back about `up` by the azimuth.
     back = exp_so3((body @ up)[:, None] * azimuth[:, None])
-    return (back @ f[..., None])[..., 0], np.zeros_like(f)
+    return Motion((back @ f[..., None])[..., 0], np.zeros_like(f))
 
 
 def _steady(step: Spin) -> Spin:

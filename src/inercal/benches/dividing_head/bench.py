@@ -36,7 +36,6 @@ from inercal.benches.contract import MeanMotion
 from inercal.benches.declare import declarations, declared_parameters, deviation, small_angle
 from inercal.benches.dividing_head.head_angles import acting, angles
 from inercal.benches.dividing_head.passes import pass_names, ramps
-from inercal.benches.forces import Felt
 from inercal.errors import InputError
 from inercal.motion import Motion
 from inercal.parameters import Parameter, local_gravity
@@ -228,8 +227,7 @@ class DividingHead:
 
     def mean_motion(self, steps: Sequence[Index], q: Mapping[str, Array]) -> MeanMotion:
         """Return the mean motion at each position; see `inercal.benches.contract.MeanBench`."""
-        made = felt(self, steps, q)
-        return MeanMotion(Motion(made.f), made.by)
+        return felt(self, steps, q)
 
     def reading_offsets(
         self, steps: Sequence[Index], sensor: Sensor, q: Mapping[str, Array]
@@ -262,8 +260,8 @@ def drifted(steps: Sequence[Index], channels: Sequence[str], q: Mapping[str, Arr
     return np.stack(by_axis, axis=-1)
 
 
-def felt(bench: DividingHead, steps: Sequence[Index], q: Mapping[str, Array]) -> Felt:
-    """Return the specific force at each position.
+def felt(bench: DividingHead, steps: Sequence[Index], q: Mapping[str, Array]) -> MeanMotion:
+    """Return the specific force at each position, with its derivatives.
 
     Parameters
     ----------
@@ -295,4 +293,4 @@ def felt(bench: DividingHead, steps: Sequence[Index], q: Mapping[str, Array]) ->
     leaning = -np.sin(lean)[..., None] * level + np.cos(lean)[..., None] * along
     by = {"g": unit, "lean": g[..., None] * leaning}
     by |= {name: weight[:, None] * turned for name, weight in weights.items()}
-    return Felt(g[..., None] * unit, by)
+    return MeanMotion(Motion(g[..., None] * unit), by)

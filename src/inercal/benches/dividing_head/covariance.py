@@ -57,7 +57,7 @@ def readings_by_bench(
     c = np.zeros(len(sensor.coefficients)) if c is None else c
     slope = sensor.slope(Motion(made.f), c)[..., :3]
     return {
-        name: (slope @ made.by[name][..., None]).ravel()
+        name: (slope @ made.df[name][..., None]).ravel()
         for name, q in bench.acting(steps).items()
         if q.sd > 0
     }

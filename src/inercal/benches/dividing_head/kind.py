@@ -1,37 +1,14 @@
 """A dividing head, as a kind of bench."""
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
-
-import numpy as np
-
-from inercal.benches.contract import Simulated
 from inercal.benches.dividing_head.bench import DividingHead, mounted
 from inercal.benches.dividing_head.report import directions, plots, row
 from inercal.benches.dividing_head.settings import DividingHeadData, DividingHeadSection, build
 from inercal.benches.dividing_head.sheet import sheet
 from inercal.benches.dividing_head.simulation import perform_on_head
-from inercal.benches.kind import Kind, Output, Vocabulary
-from inercal.data import Gathered, Source
+from inercal.benches.kind import Kind, Output, Vocabulary, when_called
 from inercal.errors import InputError
 from inercal.plan import Index
-from inercal.recording import Recording
 from inercal.sensors import Sensor
-
-if TYPE_CHECKING:
-    from inercal.segments import FoundRests
-
-
-def _simulate(
-    bench: DividingHead,
-    steps: Sequence[Index],
-    rate_hz: float,
-    rng: np.random.Generator,
-    trials: int,
-    sensor: Sensor,
-    carried: bool,
-) -> Simulated:
-    return perform_on_head(bench, steps, sensor, rate_hz, rng, trials)
 
 
 def _sensor(
@@ -48,19 +25,6 @@ def _sensor(
     return mounted(name, "ab"[: len(columns)], *accelerometer)
 
 
-def _observe(run: Source[DividingHeadData]) -> Gathered:
-    # Here and below: what finds sections comes with compiled kernels, which plans do without.
-    from inercal.benches.dividing_head.reading import observe
-
-    return observe(run)
-
-
-def _rests(run: Source[DividingHeadData], recording: Recording) -> "FoundRests":
-    from inercal.data.rests import seen_rests
-
-    return seen_rests(run, recording)
-
-
 KIND = Kind(
     "dividing_head",
     DividingHead,
@@ -68,12 +32,12 @@ KIND = Kind(
     DividingHeadData,
     build,
     (Index,),
-    _observe,
-    _simulate,
+    when_called("inercal.benches.dividing_head.reading", "observe"),
+    perform_on_head,
     words=Vocabulary(rows="positions", attitudes="Positions of the head", components=""),
     sensor=_sensor,
     sheet=sheet,
-    rests=_rests,
+    rests=when_called("inercal.data.rests", "seen_rests"),
     directions=directions,
     plots=plots,
     row=row,

@@ -17,6 +17,7 @@ from math import degrees, pi
 
 from inercal.benches.dividing_head.bench import DividingHead
 from inercal.benches.dividing_head.passes import CARDINAL, lacking, near, passes
+from inercal.benches.dividing_head.settings import DividingHeadData
 from inercal.errors import InputError
 from inercal.plan import Index
 
@@ -52,17 +53,6 @@ class Row:
     def angle(self) -> str:
         """Of the head, as it is set."""
         return sexagesimal(self.step.angle)
-
-
-@dataclass(frozen=True)
-class Names:
-    """What the columns are called; an empty one is not there."""
-
-    accelerometers: tuple[str, ...]
-    autocollimator: str = ""
-    autocollimator_unit: str = "″"
-    level: str = ""
-    level_unit: str = "″"
 
 
 def rows(bench: DividingHead, steps: Sequence[Index], recorded: bool) -> tuple[Row, ...]:
@@ -140,19 +130,19 @@ def _require_pairs(steps: Sequence[Index]) -> None:
         )
 
 
-def notes(bench: DividingHead, steps: Sequence[Index], names: Names) -> tuple[str, ...]:
+def notes(bench: DividingHead, steps: Sequence[Index], data: DividingHeadData) -> tuple[str, ...]:
     """Return what holds for all positions.
 
     Parameters
     ----------
     bench : DividingHead
     steps : sequence of Index
-    names : Names
-        Of the columns that are filled in.
+    data : DividingHeadData
+        With the columns that are filled in.
     """
     turning = any(step.sense < 0 for step in steps)
     found = [
-        _mounted(names.accelerometers),
+        _mounted(data.accelerometer),
         "Follow the rows from the first to the last, "
         + ("forward and back, " if turning else "")
         + "without a longer pause: what drifts is taken to drift evenly.",
@@ -161,10 +151,10 @@ def notes(bench: DividingHead, steps: Sequence[Index], names: Names) -> tuple[st
         f"Wait until the readings stand still, then average them{_for(steps)}.",
         "While readings are taken, do not touch the pier or walk about it.",
     ]
-    found += _collimating(bench, names)
-    if names.level:
+    found += _collimating(bench, data)
+    if data.level is not None:
         found.append(
-            f"Read the level at each position, in {names.level_unit}: positive where the base "
+            f"Read the level at each position, in {data.level_unit}: positive where the base "
             "leans in the sense in which the head's angle grows."
         )
     found.append(
@@ -174,7 +164,7 @@ def notes(bench: DividingHead, steps: Sequence[Index], names: Names) -> tuple[st
     return tuple(found)
 
 
-def _mounted(accelerometers: Sequence[str]) -> str:
+def _mounted(accelerometers: Sequence[str | int]) -> str:
     first, *second = accelerometers
     both = "".join(f" and {name} at 0°" for name in second)
     return f"Before the first row make sure that {first} reads most at 90°{both}."
@@ -185,18 +175,18 @@ def _for(steps: Sequence[Index]) -> str:
     return f" for {seconds.pop():g} s" if len(seconds) == 1 and 0.0 not in seconds else ""
 
 
-def _collimating(bench: DividingHead, names: Names) -> list[str]:
+def _collimating(bench: DividingHead, data: DividingHeadData) -> list[str]:
     if bench.collimated == "none":
         return []
     found: list[str] = []
-    if names.autocollimator:
+    if data.autocollimator is not None:
         if bench.collimated == "every":
             found.append("At the first row turn the autocollimator to near zero, and then no more.")
         found.append(
-            f"Write down what the autocollimator reads, in {names.autocollimator_unit}: positive "
+            f"Write down what the autocollimator reads, in {data.autocollimator_unit}: positive "
             "where the head stands beyond its angle, in the sense in which the angle grows."
         )
-    if bench.collimated == "pairs" or not names.autocollimator:
+    if bench.collimated == "pairs" or data.autocollimator is None:
         found.append(
             "Where the head is trimmed, its own scale comes to read a little off the angle: leave "
             "the angle in the table as it is."

@@ -1,6 +1,5 @@
 """From a run on a dividing head to observations: a table of positions, or a recording of them."""
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import pi
@@ -17,20 +16,20 @@ from inercal.data import Gathered, Source
 from inercal.data.load import (
     columns,
     load_recording,
+    numbered,
     plain,
     readback_columns,
     readback_units,
     require_own_columns,
     stated_sd,
 )
-from inercal.data.rests import still_but_accepted
+from inercal.data.rests import moving_rests, stated_marks
 from inercal.errors import InputError
-from inercal.io.marks import as_read, marks_from_file
 from inercal.io.means import means_of, read_columns
 from inercal.io.table import Table
 from inercal.plan import Index
-from inercal.recording import Finding, Mark, Observations, Recording
-from inercal.segments import check_marks, find_rests, marks_from_labels
+from inercal.recording import Finding, Mark, Recording
+from inercal.segments import check_marks, find_rests
 from inercal.segments import observe as averaged
 from inercal.units import readable
 
@@ -50,23 +49,19 @@ def observe(run: Source[DividingHeadData]) -> Gathered:
         raise InputError(f"{run.path}: [data] seconds: a dividing head stands still; leave it out")
     require_own_columns(run)
     made = _table(run, bench) if run.data.kind == "means" else _recording(run)
-    recording, marks, observations, steps, findings = made
+    steps = [step for step in made.steps if isinstance(step, Index)]
     require_small(run, steps)
-    findings += _uncollimated(run, bench, steps)
-    require_phases(run, observations, steps)
-    findings += tell_apart(observations, run.sensor, bench, steps)
-    conditions = _conditions(run, bench, steps)
-    return Gathered(recording, marks, observations, steps, steps, findings, conditions)
+    findings = made.findings + _uncollimated(run, bench, steps)
+    require_phases(run, made.observations, steps)
+    findings += tell_apart(made.observations, run.sensor, bench, steps)
+    return replace(made, findings=findings, conditions=_conditions(run, bench, steps))
 
 
 _FEW = 4  # positions may well lie within 6.28°
 _TURNS = 60.0  # rad; no run turns so often
-_Made = tuple[
-    Recording | None, tuple[Mark, ...], Observations, tuple[Index, ...], tuple[Finding, ...]
-]
 
 
-def _table(run: Source[DividingHeadData], bench: DividingHead) -> _Made:
+def _table(run: Source[DividingHeadData], bench: DividingHead) -> Gathered:
     named, units = readback_columns(run), readback_units(run)
     wanted = columns(run)
     path = run.file(run.data.file)
@@ -91,7 +86,7 @@ def _table(run: Source[DividingHeadData], bench: DividingHead) -> _Made:
     labels = tuple(step.label for step in steps)
     durations = np.ones(len(labels))  # nothing depends on them
     observations = means_of(path, table, labels, wanted, run.sensor, stated_sd(run), durations)
-    return None, (), observations, steps, ()
+    return Gathered(None, (), observations, steps, steps, ())
 
 
 _WANTED = {
@@ -122,29 +117,20 @@ def _require_unit(run: Source[DividingHeadData], angle: Array) -> None:
         )
 
 
-def _recording(run: Source[DividingHeadData]) -> _Made:
+def _recording(run: Source[DividingHeadData]) -> Gathered:
     recording, units = load_recording(run), readback_units(run)
     said = {name: values * units[name] for name, values in recording.readback.items()}
     found = run.data.marks == "found"
-    if found:
-        marks = find_rests(recording, run.sensor).marks
-    elif run.data.marks == "labels":
-        marks = marks_from_labels(recording)
-    else:
-        marks = as_read(marks_from_file(run.file(run.data.marks)), recording)
+    marks = find_rests(recording, run.sensor).marks if found else stated_marks(run, recording)
     check_marks(marks, recording, [mark.label for mark in marks])
     angle = np.array([_angle(recording, mark, said["angle"]) for mark in marks])
-    if found and run.data.accept_moving is not None:
-        raise InputError(
-            f"{run.path}: [data] accept_moving goes with marks of your own: rests that are found "
-            "are still"
-        )
-    moving = () if found else still_but_accepted(run, recording, marks)
+    moving = moving_rests(run, recording, marks)
     means = {name: _means(values, marks) for name, values in said.items()} | {"angle": angle}
     steps = _steps(None if found else [mark.label for mark in marks], means)
     marks = tuple(replace(m, label=step.label) for m, step in zip(marks, steps, strict=True))
     observations = averaged(recording, run.sensor, marks, steps, found=True)
-    return recording, marks, observations, steps, (*recording.findings, *moving)
+    findings = recording.findings + moving
+    return Gathered(recording, marks, observations, steps, steps, findings)
 
 
 def _means(values: Array, marks: Sequence[Mark]) -> Array:
@@ -179,11 +165,7 @@ def _steps(names: Sequence[str] | None, said: Mapping[str, Array]) -> tuple[Inde
             f"{degrees:.6g}° {'forward' if s > 0 else 'reverse'}"
             for degrees, s in zip((angle * 180 / pi).round(3).tolist(), sense, strict=True)
         ]
-        count: Counter[str] = Counter()
-        names = []
-        for name in once:
-            count[name] += 1
-            names.append(name if count[name] == 1 else f"{name} ({count[name]})")
+        names = numbered(once)
     nothing = np.zeros(angle.size)
     level, reading = said.get("level", nothing), said.get("autocollimator", nothing)
     return tuple(

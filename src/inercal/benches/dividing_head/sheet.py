@@ -2,7 +2,7 @@
 
 from math import degrees
 
-from inercal.benches.dividing_head.operator import Names, notes, rows
+from inercal.benches.dividing_head.operator import notes, rows
 from inercal.benches.dividing_head.settings import DividingHeadData
 from inercal.benches.sheet import Box, Heading, Row, Sheet
 from inercal.data import Source
@@ -22,20 +22,19 @@ def sheet(run: Source[DividingHeadData]) -> Sheet:
     """
     data, bench = run.data, run.bench
     steps = [step for step in run.steps if isinstance(step, Index)]
-    names = _names(data)
     collimated, label = bench.collimated != "none", data.label is not None
-    unit = readback_units(run)["angle"]
+    unit, levelled = readback_units(run)["angle"], data.level is not None
     try:
-        planned = rows(bench, steps, recorded=bool(names.autocollimator))
+        planned = rows(bench, steps, recorded=data.autocollimator is not None)
     except InputError as error:
         raise InputError(f"{run.path}: {error}") from None
-    idle = frozenset({len(names.accelerometers)}) if collimated else frozenset[int]()
+    idle = frozenset({len(data.accelerometer)}) if collimated else frozenset[int]()
     first = {row.in_pass: row.sense for row in reversed(planned)}
     made: list[Row] = []
     for row in planned:
         step = row.step
         cells = [str(row.number), step.label, row.angle, f"{row.in_pass}, {row.sense}"]
-        cells += [row.autocollimator] * collimated + ["read"] * bool(names.level)
+        cells += [row.autocollimator] * collimated + ["read"] * levelled
         made.append(
             Row(
                 step.label,
@@ -63,13 +62,13 @@ def sheet(run: Source[DividingHeadData]) -> Sheet:
             Heading("head at"),
             Heading("pass", page=""),
             *[Heading("autocollimator", page="with the autocollimator", wraps=True)] * collimated,
-            *[Heading("level", page="")] * bool(names.level),
+            *[Heading("level", page="")] * levelled,
             Heading("hold for", right=True, page="hold"),
         ),
         tuple(made),
-        notes(bench, steps, names),
+        notes(bench, steps, data),
         (data.label, *columns) if label else columns,
-        _boxes(names, run.sensor, collimated=collimated),
+        _boxes(data, run.sensor, collimated=collimated),
         (
             f"{len(made)} positions in {len(first)} pass{'es' * (len(first) > 1)}",
             f"{seconds / 60:.0f} min of holding, moves besides",
@@ -81,24 +80,14 @@ def sheet(run: Source[DividingHeadData]) -> Sheet:
     )
 
 
-def _names(data: DividingHeadData) -> Names:
-    return Names(
-        tuple(map(str, data.accelerometer)),
-        "" if data.autocollimator is None else str(data.autocollimator),
-        data.autocollimator_unit,
-        "" if data.level is None else str(data.level),
-        data.level_unit,
-    )
-
-
-def _boxes(names: Names, sensor: Sensor, *, collimated: bool) -> tuple[Box, ...]:
+def _boxes(data: DividingHeadData, sensor: Sensor, *, collimated: bool) -> tuple[Box, ...]:
     """Return what is filled in by hand."""
     found = [
-        Box(name, axis.readout.unit)
-        for name, axis in zip(names.accelerometers, sensor.axes, strict=True)
+        Box(str(name), axis.readout.unit)
+        for name, axis in zip(data.accelerometer, sensor.axes, strict=True)
     ]
     if collimated:
-        found.append(Box("autocollimator", names.autocollimator_unit))
-    if names.level:
-        found.append(Box("level", names.level_unit))
+        found.append(Box("autocollimator", data.autocollimator_unit))
+    if data.level is not None:
+        found.append(Box("level", data.level_unit))
     return tuple(found)

@@ -19,10 +19,11 @@ MOVE_SECONDS = 2.0
 def perform_on_head(
     bench: DividingHead,
     steps: Sequence[Index],
-    sensor: Sensor,
     rate_hz: float,
     rng: np.random.Generator,
-    trials: int = 1,
+    trials: int,
+    sensor: Sensor,
+    carried: bool,
 ) -> Simulated:
     """Return the motion of each trial, what the bench reads back, and how biases drifted.
 
@@ -31,13 +32,15 @@ def perform_on_head(
     bench : DividingHead
         Its parameters are drawn from normal distributions of their stated deviations.
     steps : sequence of r Index
-    sensor : Sensor
-        Of m accelerometers.
     rate_hz : float
         Samples per second.
     rng : Generator
     trials : int
         Length of the leading axis of what is drawn and of the motion.
+    sensor : Sensor
+        Of m accelerometers.
+    carried : bool
+        Nothing carries the sensor from position to position but the head.
     """
     declared = bench.simulated(steps, sensor.channels)
     drawn = {n: q.value + q.sd * rng.standard_normal(trials) for n, q in declared.items()}

@@ -172,18 +172,8 @@ def tilted(up: tuple[float, float, float], t: Array) -> tuple[Array, Array]:
     return u, (d.T - u[..., :, None] * t[..., None, :] / norm[..., None]) / norm[..., None]
 
 
-@dataclass(frozen=True, eq=False)
-class Felt:
-    """Mean f and ω of one step, (..., 3), and their derivatives by nuisance name, (..., 3)."""
-
-    f: Array
-    w: Array
-    df: Mapping[str, Array]
-    dw: Mapping[str, Array]
-
-
-def felt(step: HandStep, duration: float, q: Mapping[str, Array]) -> Felt:
-    """Return what the sensor feels in the mean during a step.
+def felt(step: HandStep, duration: float, q: Mapping[str, Array]) -> MeanMotion:
+    """Return what the sensor feels in the mean during a step: arrays (..., 3), without rows.
 
     Parameters
     ----------
@@ -197,7 +187,7 @@ def felt(step: HandStep, duration: float, q: Mapping[str, Array]) -> Felt:
     return _hold(step, q) if isinstance(step, Hold) else _turn(step, duration, q)
 
 
-def _whole(step: HandStep, q: Mapping[str, Array]) -> Felt:
+def _whole(step: HandStep, q: Mapping[str, Array]) -> MeanMotion:
     """Return what is felt in a step; a turn without a force of its own has gravity along it."""
     names = [f"force_{a}[{step.label}]" for a in "xyz"]
     if isinstance(step, Hold) or names[0] in q:
@@ -213,7 +203,7 @@ def _whole(step: HandStep, q: Mapping[str, Array]) -> Felt:
     for name, by in by_force.items():
         along = sum((by[..., [i]] * made.dw[k] for i, k in enumerate(names)), np.zeros(3))
         dw[name] = dw.get(name, np.zeros(3)) + along
-    return Felt(made.f, made.w, df, dw)
+    return MeanMotion(made.motion, df, dw)
 
 
 def _pair(q: Mapping[str, Array], name: str, label: str) -> Array:
@@ -222,7 +212,7 @@ def _pair(q: Mapping[str, Array], name: str, label: str) -> Array:
     return np.stack(np.broadcast_arrays(*pair), axis=-1)
 
 
-def _hold(step: Hold, q: Mapping[str, Array]) -> Felt:
+def _hold(step: Hold, q: Mapping[str, Array]) -> MeanMotion:
     label = step.label
     u, du = tilted(step.up, _pair(q, "tilt", label))
     d = across(step.up)
@@ -233,10 +223,10 @@ def _hold(step: Hold, q: Mapping[str, Array]) -> Felt:
     df = {"g": u} | {name: g * du[..., k] for k, name in enumerate(names)}
     dw = {"earth_up": u} | {name: up_rate * du[..., k] for k, name in enumerate(names)}
     dw |= {f"earth{k + 1}[{label}]": np.broadcast_to(d[k], u.shape) for k in range(2)}
-    return Felt(g * u, up_rate * u + level @ d, df, dw)
+    return MeanMotion(Motion(g * u, up_rate * u + level @ d), df, dw)
 
 
-def _turn(step: Turn, duration: float, q: Mapping[str, Array]) -> Felt:
+def _turn(step: Turn, duration: float, q: Mapping[str, Array]) -> MeanMotion:
     label = step.label
     zero = np.zeros(())
     n, dn = tilted(step.axis, _pair(q, "axis", label))
@@ -257,4 +247,4 @@ def _turn(step: Turn, duration: float, q: Mapping[str, Array]) -> Felt:
         "g": -up_rate * force / g**2,
     }
     dw |= {f"axis{k + 1}[{label}]": rate * dn[..., k] for k in range(2)}
-    return Felt(force, rate * n + up_rate * force / g, df, dw)
+    return MeanMotion(Motion(force, rate * n + up_rate * force / g), df, dw)

@@ -9,12 +9,12 @@ from inercal.data.load import (
     accepted,
     columns,
     load_recording,
+    numbered,
     stated_sd,
 )
-from inercal.data.rests import seen_rests, still_but_accepted
+from inercal.data.rests import moving_rests, seen_rests, stated_marks, still_but_accepted
 from inercal.errors import InputError
 from inercal.io.audit import accept
-from inercal.io.marks import as_read, marks_from_file
 from inercal.io.means import read_means
 from inercal.io.rest import audit_rest_norm, means_at_rest
 from inercal.plan import HandStep, Hold, Turn
@@ -30,7 +30,6 @@ from inercal.segments import (
     find_sections,
     held,
     jumps,
-    marks_from_labels,
     search_sections,
     unflawed,
     within_rests,
@@ -74,7 +73,7 @@ def observe(run: Source[RestsSection]) -> Gathered:
         plan = steps = held(observations, sensor)
     else:
         steps = _planned(run, observations)
-        plan = _with_visits(run, steps)
+        plan = _withnumbered(run, steps)
     if recording is None:
         at_rest = [isinstance(step, Hold) for step in steps]
         odd = means_at_rest(observations.mean[at_rest], sensor, bench.gravity.value)
@@ -101,14 +100,6 @@ def nominal(run: Source[RestsSection]) -> tuple[HandStep, ...]:
     return tuple(step for step in run.steps if isinstance(step, Hold | Turn))
 
 
-def _visits(labels: Sequence[str]) -> list[str]:
-    """Return a name for each row of labels that may return, such as "x_p (2)"."""
-    return [
-        label if k == 0 else f"{label} ({k + 1})"
-        for k, label in ((labels[:row].count(label), label) for row, label in enumerate(labels))
-    ]
-
-
 def _returning(run: Source[RestsSection]) -> bool:
     """Return whether positions may be visited again: at another temperature."""
     return run.data.temperature is not None and not run.method.free
@@ -118,12 +109,12 @@ def _by_visit(run: Source[RestsSection], count: int) -> dict[str, HandStep]:
     """Return the plan's steps by the names of up to `count` visits of each."""
     found: dict[str, HandStep] = {}
     for step in nominal(run):
-        names = _visits([step.label] * (count if _returning(run) else 1))
+        names = numbered([step.label] * (count if _returning(run) else 1))
         found |= {name: replace(step, label=name) for name in names}
     return found
 
 
-def _with_visits(run: Source[RestsSection], done: Sequence[HandStep]) -> tuple[HandStep, ...]:
+def _withnumbered(run: Source[RestsSection], done: Sequence[HandStep]) -> tuple[HandStep, ...]:
     """Return the plan, and after each step the further visits of it that were made."""
     wanted = {step.label for step in (*nominal(run), *done)}
     return tuple(s for name, s in _by_visit(run, len(done)).items() if name in wanted)
@@ -144,7 +135,7 @@ def _means(run: Source[RestsSection]) -> Observations:
         run.sensor,
         stated_sd(run),
         None if seconds is None else str(seconds),
-        _visits if _returning(run) else tuple,
+        numbered if _returning(run) else tuple,
     )
 
 
@@ -163,9 +154,9 @@ def _planned_sections(
                 f"{found.words}"
             )
     else:
-        marks = _stated_marks(run, recording)
+        marks = stated_marks(run, recording, again=_returning(run))
         if _returning(run):
-            names = _visits([mark.label for mark in marks])
+            names = numbered([mark.label for mark in marks])
             marks = tuple(replace(m, label=name) for m, name in zip(marks, names, strict=True))
             steps = tuple(_by_visit(run, len(marks)).values())
             labels = [step.label for step in steps]
@@ -199,16 +190,10 @@ def _free_rests(
     if rests is not None:
         marks, findings = rests.marks, (*findings, rests.finding)
     else:
-        marks = _stated_marks(run, recording)
+        marks = stated_marks(run, recording, again=_returning(run))
         check_marks(marks, recording, [mark.label for mark in marks])
     marks, left_out = unflawed(recording, run.sensor, marks)
-    if rests is None:
-        findings = (*findings, *still_but_accepted(run, recording, marks))
-    elif run.data.accept_moving is not None:
-        raise InputError(
-            f"{run.path}: [data] accept_moving goes with marks of your own: rests that are found "
-            "are still"
-        )
+    findings += moving_rests(run, recording, marks)
     observations = averaged(recording, run.sensor, marks, as_found(marks), by_hand=True, found=True)
     if run.sensor.only("w").axes:
         cut = () if rests is None else jumps(recording, run.sensor, rests.marks, rests.other_parts)
@@ -219,12 +204,6 @@ def _free_rests(
             tests=(*observations.tests, *cut),
         )
     return marks, observations, findings + left_out
-
-
-def _stated_marks(run: Source[RestsSection], recording: Recording) -> tuple[Mark, ...]:
-    if run.data.marks == "labels":
-        return marks_from_labels(recording, again=_returning(run))
-    return as_read(marks_from_file(run.file(run.data.marks)), recording)
 
 
 def _conditions(run: Source[RestsSection], bench: Hand) -> dict[str, str]:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.contract import SimulatedMotion
+from inercal.benches.contract import SimulatedMotion, one_after_another
 from inercal.benches.hand.bench import Hand, across, felt, tilted
 from inercal.motion import Motion
 from inercal.plan import HandStep, Hold, Turn
@@ -67,7 +67,7 @@ def perform(
         still = (f[:, :1].repeat(pause, axis=1), steady[:, None].repeat(pause, axis=1), "")
         parts += [still, (f, w, step.label), still]
     labels = np.concatenate([np.full(f.shape[1], label) for f, _, label in parts])
-    motion = Motion(*(np.concatenate([part[k] for part in parts], axis=1) for k in (0, 1)))
+    motion = one_after_another([Motion(f, w) for f, w, _ in parts])
     return SimulatedMotion(np.arange(labels.size) / rate_hz, motion, labels, drawn)
 
 

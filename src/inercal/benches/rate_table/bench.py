@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from inercal.benches.contract import MeanMotion
 from inercal.benches.declare import declarations, declared_parameters, deviation, small_angle
-from inercal.benches.forces import Felt, directions
+from inercal.benches.forces import directions
 from inercal.errors import InputError
 from inercal.frames import exp_so3, left_jacobian, skew
 from inercal.motion import Motion
@@ -120,8 +120,7 @@ class RateTable:
 
     def mean_motion(self, steps: Sequence[Spin], q: Mapping[str, Array]) -> MeanMotion:
         """Return the mean motion of each dwell; see `inercal.benches.contract.MeanBench`."""
-        made = felt(self, steps, q)
-        return MeanMotion(Motion(made.f), made.by)
+        return felt(self, steps, q)
 
     def reading_offsets(
         self, steps: Sequence[Spin], sensor: Sensor, q: Mapping[str, Array]
@@ -181,8 +180,8 @@ def mountings(steps: Sequence[Spin]) -> list[str]:
     return [first[step.attitude] for step in steps]
 
 
-def felt(bench: RateTable, steps: Sequence[Spin], q: Mapping[str, Array]) -> Felt:
-    """Return the specific force in each dwell.
+def felt(bench: RateTable, steps: Sequence[Spin], q: Mapping[str, Array]) -> MeanMotion:
+    """Return the specific force in each dwell, with its derivatives.
 
     Parameters
     ----------
@@ -223,11 +222,10 @@ def felt(bench: RateTable, steps: Sequence[Spin], q: Mapping[str, Array]) -> Fel
     inward, along, upward = ((turn @ v[..., None])[..., 0] for v in (-out, along, up))
     reaction = root[..., None] * upward + lean[..., :1] * inward + lean[..., 1:] * along
     f = a[..., None] * inward + g[..., None] * reaction
-    by_radius = turned[..., None] ** 2 * inward
     by_rate = (2 * radius * turned * w)[..., None] * inward
     by_pose = -skew(f) @ left_jacobian(pose)
-    slopes = {"g": reaction, "radius": by_radius, "seat": by_radius, "rate": by_rate}
-    slopes |= {"speed": by_rate}
+    slopes = {"g": reaction, "rate": by_rate, "speed": by_rate}
+    slopes |= dict.fromkeys(("radius", "seat"), turned[..., None] ** 2 * inward)
     slopes |= {
         f"lean_{k}": g[..., None] * (across - (lean[..., k - 1] / root)[..., None] * upward)
         for k, across in zip(_LEAN, (inward, along), strict=True)
@@ -237,11 +235,11 @@ def felt(bench: RateTable, steps: Sequence[Spin], q: Mapping[str, Array]) -> Fel
         full: np.where(rows[:, None], slopes[parameter.name], 0.0)
         for full, parameter, rows in _acting(bench, steps)
     }
-    return Felt(f, by)
+    return MeanMotion(Motion(f), by)
 
 
 def by_parameter(bench: RateTable, steps: Sequence[Spin]) -> Array:
     """Return what one standard deviation of each uncertain parameter adds to f, (k, r, 3) m/s²."""
     made = felt(bench, steps, {})
-    rows = [q.sd * made.by[name] for name, q in bench.acting(steps).items() if q.sd > 0]
+    rows = [q.sd * made.df[name] for name, q in bench.acting(steps).items() if q.sd > 0]
     return np.stack(rows) if rows else np.zeros((0, len(steps), 3))

@@ -1,8 +1,6 @@
 """A plain rate table, as a kind of bench."""
 
-from collections.abc import Sequence
-
-from inercal.benches.kind import Kind, Vocabulary, by_motion
+from inercal.benches.kind import Kind, Vocabulary, by_motion, when_called
 from inercal.benches.rate_table.bench import RateTable
 from inercal.benches.rate_table.report import plots
 from inercal.benches.rate_table.settings import RateTableData, RateTableSection, build
@@ -10,24 +8,12 @@ from inercal.benches.rate_table.sheet import sheet
 from inercal.benches.rate_table.simulation import perform_on_table, seconds_on_table
 from inercal.benches.rate_table.states import tables
 from inercal.benches.report import spin_in_words
-from inercal.data import Gathered, Source
 from inercal.plan import Spin
 
 _UNJUDGED = (
     "what the bench makes, of a tilted state the norm, minus what the model says of one "
     "mean reading"
 )
-
-
-def _seconds(bench: RateTable, steps: Sequence[Spin]) -> float:
-    return seconds_on_table(steps)
-
-
-def _observe(run: Source[RateTableData]) -> Gathered:
-    # Here: what finds sections comes with compiled kernels, which plans do without.
-    from inercal.benches.rate_table.reading import observe
-
-    return observe(run)
 
 
 KIND = Kind(
@@ -37,9 +23,9 @@ KIND = Kind(
     RateTableData,
     build,
     (Spin,),
-    _observe,
+    when_called("inercal.benches.rate_table.reading", "observe"),
     by_motion(perform_on_table),
-    _seconds,
+    seconds_on_table,
     Vocabulary(row="state or mounting", turner="table", rows="states", unjudged=_UNJUDGED),
     sheet=sheet,
     plots=plots,

@@ -1,12 +1,11 @@
 """From a table of states on a rate table to observations: mounting, rate, mean of each axis."""
 
 import re
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from math import pi, radians
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +18,7 @@ from inercal.data import Gathered, Source
 from inercal.data.load import (
     columns,
     load_recording,
+    numbered,
     plain,
     readback_columns,
     readback_units,
@@ -28,7 +28,7 @@ from inercal.errors import InputError
 from inercal.io.means import means_of, numbers_of, read_columns
 from inercal.io.table import Table
 from inercal.plan import Attitude, Spin
-from inercal.recording import Finding, Mark, Observations, Recording, joined
+from inercal.recording import Finding, Recording, joined
 from inercal.segments import average_dwells, find_dwells, find_stands, left_out
 from inercal.segments import observe as averaged
 from inercal.segments.dwells import ARM_RATE
@@ -52,30 +52,13 @@ def observe(run: Source[RateTableData]) -> Gathered:
     if run.data.seconds is not None:
         raise InputError(f"{run.path}: [data] seconds: states are means; leave it out")
     made = _table(run) if run.data.kind == "means" else states_of(run, load_recording(run))
-    require_rates(run, made.observations, bench, made.steps)
-    require_axes(run, made.observations, bench, made.steps)
-    return Gathered(
-        made.recording,
-        made.marks,
-        made.observations,
-        made.steps,
-        made.steps,
-        made.findings,
-        _conditions(bench, made.steps),
-    )
+    steps = [step for step in made.steps if isinstance(step, Spin)]
+    require_rates(run, made.observations, bench, steps)
+    require_axes(run, made.observations, bench, steps)
+    return replace(made, conditions=_conditions(bench, steps))
 
 
-class States(NamedTuple):
-    """What a table or a recording holds."""
-
-    observations: Observations
-    steps: tuple[Spin, ...]
-    recording: Recording | None = None
-    marks: tuple[Mark, ...] = ()
-    findings: tuple[Finding, ...] = ()
-
-
-def _table(run: Source[RateTableData]) -> States:
+def _table(run: Source[RateTableData]) -> Gathered:
     named, units = readback_columns(run), readback_units(run)
     wanted = columns(run)
     path = run.file(run.data.file)
@@ -87,7 +70,9 @@ def _table(run: Source[RateTableData]) -> States:
         _pose(plain(text), f"{path} line {table.first_line + k}: column {where!r}")
         for k, text in enumerate(table.columns[where].tolist())
     ]
-    labels = _labels(poses, rates)
+    rpm = (rates * 30 / pi).tolist()
+    names = [f"{pose.name} at {rate:.6g} rpm" for pose, rate in zip(poses, rpm, strict=True)]
+    labels = tuple(numbered(names))
     durations = np.ones(len(labels))  # nothing depends on them
     observations = means_of(path, table, labels, wanted, run.sensor, stated_sd(run), durations)
     steps = tuple(
@@ -95,7 +80,7 @@ def _table(run: Source[RateTableData]) -> States:
         for label, rate, pose in zip(labels, rates.tolist(), poses, strict=True)
     )
     used = [where, named["arm_rate"], *(name for _, name, _ in wanted.channels)]
-    return States(observations, steps, findings=_twice(path, table, used))
+    return Gathered(None, (), observations, steps, steps, _twice(path, table, used))
 
 
 def _twice(path: Path, table: Table, used: Sequence[str]) -> tuple[Finding, ...]:
@@ -110,7 +95,7 @@ def _twice(path: Path, table: Table, used: Sequence[str]) -> tuple[Finding, ...]
     return tuple(found)
 
 
-def states_of(run: Source[RateTableData], recording: Recording) -> States:
+def states_of(run: Source[RateTableData], recording: Recording) -> Gathered:
     """Reduce a recording: rests as they are, what turns over whole turns once it is steady.
 
     Parameters
@@ -143,7 +128,7 @@ def states_of(run: Source[RateTableData], recording: Recording) -> States:
         steps.append(replace(step, attitude=pose))
     flawed += also
     findings = recording.findings + flawed + left_out(recording, marks, flawed)
-    return States(observations, tuple(steps), recording, marks, findings)
+    return Gathered(recording, marks, observations, tuple(steps), tuple(steps), findings)
 
 
 def _pose(text: str, where: str) -> Attitude:
@@ -162,16 +147,6 @@ def _pose(text: str, where: str) -> Attitude:
         radians(float(first or 0)),
         None if second is None else radians(float(second)),
     )
-
-
-def _labels(poses: Sequence[Attitude], rates: Array) -> tuple[str, ...]:
-    count: Counter[str] = Counter()
-    found: list[str] = []
-    for pose, rate in zip(poses, (rates * 30 / pi).tolist(), strict=True):
-        name = f"{pose.name} at {rate:.6g} rpm"
-        count[name] += 1
-        found.append(name if count[name] == 1 else f"{name} ({count[name]})")
-    return tuple(found)
 
 
 def _conditions(bench: RateTable, steps: Sequence[Spin]) -> dict[str, str]:

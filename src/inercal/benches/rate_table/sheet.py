@@ -21,9 +21,8 @@ def sheet(run: Source[RateTableData]) -> Sheet:
     steps = [step for own in by_mounting(planned) for step in own]
     names, data, size = mountings(steps), run.data, readback_units(run)["arm_rate"]
     rows: list[Row] = []
-    for k, (name, step, f) in enumerate(
-        zip(names, steps, felt(run.bench, steps, {}).f, strict=True), start=1
-    ):
+    made = felt(run.bench, steps, {}).f
+    for k, (name, step, f) in enumerate(zip(names, steps, made, strict=True), start=1):
         assert step.attitude is not None
         rpm, up = step.rate * 30 / pi, Hold("", step.attitude.up, 0.0).in_words()
         reads = [f"{x + 0.0:+.3f}".replace("-", "−") for x in np.asarray(f / G0).round(3).tolist()]

@@ -19,7 +19,7 @@ from math import pi
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches.contract import SimulatedMotion
+from inercal.benches.contract import SimulatedMotion, one_after_another
 from inercal.benches.forces import directions
 from inercal.benches.rate_table.bench import RateTable, mountings, speeds
 from inercal.benches.rate_table.fixture import by_mounting
@@ -66,8 +66,7 @@ def perform_on_table(
     named = dict(zip((step.attitude for step in steps), mountings(steps), strict=True))
     set_to = dict(zip((step.rate for step in steps), speeds(steps), strict=True))
     off = {rate: drawn.get(f"speed[{speed}]", np.zeros(trials)) for rate, speed in set_to.items()}
-    f: list[Array] = []
-    w: list[Array] = []
+    parts: list[Motion] = []
     told: list[Array] = []
     labels: list[str] = []
     for own in by_mounting(steps):
@@ -77,18 +76,15 @@ def perform_on_table(
                 drawn |= {f"lean_{k + 1}[{step.label}]": lean[:, k] for k in (0, 1)}
         profile = _profile(own, off, rate_hz)
         name = named[own[0].attitude]
-        made = _felt(bench, own[0], name, drawn, profile, lean, rate_hz)
-        f.append(made.f)
-        w.append(made.w)
+        parts.append(_felt(bench, own[0], name, drawn, profile, lean, rate_hz))
         told.append(profile[0])
         labels += [name] * profile[0].size
-    motion = Motion(np.concatenate(f, axis=-2), np.concatenate(w, axis=-2))
     time = np.arange(len(labels)) / rate_hz
     readback = {"arm_rate": np.concatenate(told)}
-    return SimulatedMotion(time, motion, np.array(labels), drawn, readback)
+    return SimulatedMotion(time, one_after_another(parts), np.array(labels), drawn, readback)
 
 
-def seconds_on_table(steps: Sequence[Spin]) -> float:
+def seconds_on_table(bench: RateTable, steps: Sequence[Spin]) -> float:
     """Return how long these steps last, from the first mounting's rest to the last one's."""
     return sum(
         _IDLE * 2 + sum(step.seconds + _SETTLING for step in own) + sum(_ramps(own))

@@ -1,23 +1,14 @@
 """The bench of a turntable of one to three axes."""
 
-from pathlib import Path
-from typing import Any, Protocol, TypeGuard
+from typing import Any, TypeGuard
 
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.settings import TurntableData
+from inercal.data import Source
 from inercal.errors import InputError
 
 
-class _Run(Protocol):
-    @property
-    def path(self) -> Path: ...
-    @property
-    def bench(self) -> Any: ...
-    @property
-    def data(self) -> Any: ...
-
-
-def turntable_of(run: _Run) -> Turntable:
+def turntable_of(run: Source[Any]) -> Turntable:
     """Return the bench of a run that must be a turntable.
 
     Raises
@@ -35,7 +26,7 @@ def is_turntable(bench: object) -> TypeGuard[Turntable]:
     return isinstance(bench, Turntable)
 
 
-def data_of(run: _Run) -> TurntableData:
+def data_of(run: Source[Any]) -> TurntableData:
     """Return [data] of a run that must be on a turntable.
 
     Raises

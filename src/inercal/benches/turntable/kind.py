@@ -7,14 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches.contract import Simulated
-from inercal.benches.kind import Kind, Vocabulary
+from inercal.benches.kind import Kind, Vocabulary, when_called
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.path_file import on_path
 from inercal.benches.turntable.report import directions
 from inercal.benches.turntable.settings import TurntableData, TurntableSection, build
 from inercal.benches.turntable.simulation import perform_on_turntable, seconds_on_turntable
 from inercal.benches.turntable.written import files, numbered
-from inercal.data import Gathered, Source
 from inercal.plan import Position, Rotation, TableStep
 from inercal.sensors import Noise, Sensor
 
@@ -58,13 +57,6 @@ def _refuses_budget(bench: Turntable, steps: Sequence[TableStep]) -> str:
     )
 
 
-def _observe(run: Source[TurntableData]) -> Gathered:
-    # Here: what finds sections comes with compiled kernels, which plans do without.
-    from inercal.benches.turntable.reading import observe
-
-    return observe(run)
-
-
 KIND = Kind(
     "turntable",
     Turntable,
@@ -72,7 +64,7 @@ KIND = Kind(
     TurntableData,
     build,
     (Position, Rotation),
-    _observe,
+    when_called("inercal.benches.turntable.reading", "observe"),
     _simulate,
     seconds_on_turntable,
     Vocabulary(components=""),

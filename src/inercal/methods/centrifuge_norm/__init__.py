@@ -16,7 +16,7 @@ IEEE Std 836 (the bench); `ml` is ours.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -124,111 +124,85 @@ def _seen(estimate: Estimate) -> str:
     )
 
 
-def series(
-    observations: Observations,
-    sensor: Sensor,
-    bench: Centrifuge,
-    steps: Sequence[Spin],
-    priors: Sequence[Gaussian] = (),
-) -> Estimate:
-    """Return k0, k1 and k2 by the series' first three coefficients, rows weighted alike.
+@dataclass(frozen=True)
+class ClosedFormulas:
+    """An estimator of k0, k1 and k2 by closed formulas.
 
     The covariance holds the readings' noise alone: the bench is taken as exact.
 
-    Raises
-    ------
-    InputError
-        Priors, a trial axis, or other coefficients than k0, k1, k2 of three accelerometers.
-    NotObserved
-        Dwells that leave the regression short of rank.
+    Parameters
+    ----------
+    name : str
+    invert : callable
+        From the coefficients of the series to those of the axes.
+    weighted : bool
+        Whether rows are weighted by the noise of their squared norms.
     """
-    return _closed("series", closed.series, observations, sensor, bench, steps, priors)
 
+    name: str
+    invert: closed.Invert
+    weighted: bool = False
 
-def series_weighted(
-    observations: Observations,
-    sensor: Sensor,
-    bench: Centrifuge,
-    steps: Sequence[Spin],
-    priors: Sequence[Gaussian] = (),
-) -> Estimate:
-    """Return k0, k1 and k2 as `series` does, rows weighted by the noise of their squared norms."""
-    return _closed(
-        "series_weighted",
-        closed.series,
-        observations,
-        sensor,
-        bench,
-        steps,
-        priors,
-        weighted=True,
-    )
+    def __call__(
+        self,
+        observations: Observations,
+        sensor: Sensor,
+        bench: Centrifuge,
+        steps: Sequence[Spin],
+        priors: Sequence[Gaussian] = (),
+    ) -> Estimate:
+        """Return the estimate; arguments as of `ml`.
 
+        Raises
+        ------
+        InputError
+            Priors, a trial axis, or other coefficients than k0, k1, k2 of three accelerometers; or
+            noise that may leave no root.
+        NotObserved
+            Dwells that leave the regression short of rank.
+        """
+        if priors:
+            raise InputError(f"estimator {self.name} takes no priors; use ml")
+        temperature.refuse(sensor, self.name, "ml")
+        mean = observations.mean
+        if mean.ndim != 2:
+            raise InputError(f"estimator {self.name} works on one table at a time")
+        singular = closed.require_possible(sensor, mean, self.name)
+        declared = bench.acting(steps, vectors=False)
+        made = felt_norm(bench, steps, {name: np.array(q.value) for name, q in declared.items()})
 
-def paper(
-    observations: Observations,
-    sensor: Sensor,
-    bench: Centrifuge,
-    steps: Sequence[Spin],
-    priors: Sequence[Gaussian] = (),
-) -> Estimate:
-    """Return k0, k1 and k2 as the source does, for comparison: k2 from the fourth powers.
+        def formulas(flat: Array) -> Array:
+            y = flat.reshape(*flat.shape[:-1], *mean.shape)
+            return closed.coefficients(sensor, y, made.norm, self.invert, weighted=self.weighted)
 
-    The covariance is not a number where noise as stated may leave no root.
-
-    Raises
-    ------
-    InputError
-        As of `series`, or a fourth coefficient that is negative: it has no square root.
-    NotObserved
-        Dwells that leave the regression short of rank.
-    """
-    return _closed("paper", closed.paper, observations, sensor, bench, steps, priors)
-
-
-def _closed(
-    name: str,
-    invert: closed.Invert,
-    observations: Observations,
-    sensor: Sensor,
-    bench: Centrifuge,
-    steps: Sequence[Spin],
-    priors: Sequence[Gaussian],
-    *,
-    weighted: bool = False,
-) -> Estimate:
-    if priors:
-        raise InputError(f"estimator {name} takes no priors; use ml")
-    temperature.refuse(sensor, name, "ml")
-    mean = observations.mean
-    if mean.ndim != 2:
-        raise InputError(f"estimator {name} works on one table at a time")
-    singular = closed.require_possible(sensor, mean, name)
-    declared = bench.acting(steps, vectors=False)
-    made = felt_norm(bench, steps, {name: np.array(q.value) for name, q in declared.items()})
-
-    def formulas(flat: Array) -> Array:
-        y = flat.reshape(*flat.shape[:-1], *mean.shape)
-        return closed.coefficients(sensor, y, made.norm, invert, weighted=weighted)
-
-    value, spread = propagate(formulas, mean.ravel(), observations.full_covariance)
-    if not np.isfinite(value).all():
-        lost = sorted(
-            {
-                CoefficientName(n).axis
-                for n, v in zip(sensor.coefficients, value, strict=True)
-                if not np.isfinite(v)
-            }
+        value, spread = propagate(formulas, mean.ravel(), observations.full_covariance)
+        if not np.isfinite(value).all():
+            lost = (
+                n for n, v in zip(sensor.coefficients, value, strict=True) if not np.isfinite(v)
+            )
+            axes = sorted({CoefficientName(name).axis for name in lost})
+            raise InputError(
+                f"estimator {self.name}: the noise is larger than what k2 leaves in the fourth "
+                f"powers of {', '.join(axes)}, whose square root it takes; use series or ml"
+            )
+        notes = (NOISE_ALONE, SIGNS)
+        return with_tests(
+            Estimate.of_formulas(sensor.coefficients, value, spread, singular, notes),
+            problem(observations, sensor, bench, steps),
+            by_norm_exact(observations, sensor, bench, steps),
         )
-        raise InputError(
-            f"estimator {name}: the noise is larger than what k2 leaves in the fourth powers of "
-            f"{', '.join(lost)}, whose square root it takes; use series or ml"
-        )
-    return with_tests(
-        Estimate.of_formulas(sensor.coefficients, value, spread, singular, (NOISE_ALONE, SIGNS)),
-        problem(observations, sensor, bench, steps),
-        by_norm_exact(observations, sensor, bench, steps),
-    )
+
+
+series = ClosedFormulas("series", closed.series)
+"""By the series' first three coefficients, rows weighted alike."""
+series_weighted = ClosedFormulas("series_weighted", closed.series, weighted=True)
+"""As `series`, rows weighted by the noise of their squared norms."""
+paper = ClosedFormulas("paper", closed.paper)
+"""As the source does, for comparison: k2 from the fourth powers.
+
+A fourth coefficient that is negative has no square root, and is refused; the covariance is not a
+number where noise as stated may leave none.
+"""
 
 
 def _frame(bench: Centrifuge) -> Frame:

@@ -17,12 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches import MeanMotion
-from inercal.benches.centrifuge.arm import FeltNorm, FeltVector, felt_norm, felt_vector
+from inercal.benches.centrifuge.arm import FeltNorm, felt_norm, felt_vector
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.estimate import Candidate, Gaussian, Problem
 from inercal.methods import candidates, temperature, vectors
 from inercal.methods.centrifuge_norm.gauge import gauges, known_nulls, require_gauge
-from inercal.motion import Motion
 from inercal.observe import NoisyNorm, noisy_norm, norm
 from inercal.parameters import Parameter
 from inercal.plan import Spin
@@ -178,7 +177,7 @@ def _of_norms(
     warmth = temperature.offset(observations, sensor)
 
     @_kept
-    def compared(x: Array) -> tuple[FeltNorm, FeltVector | None, NoisyNorm]:
+    def compared(x: Array) -> tuple[FeltNorm, MeanMotion | None, NoisyNorm]:
         q = known | {n: x[..., p + k] for k, n in enumerate(loose)}
         made = felt_norm(bench, steps, q)
         turned = felt_vector(bench, steps, q) if turning else None
@@ -263,10 +262,6 @@ def by_vector(
     own = {"dwell_rate": bench.dwell_rate, "dwell_tilt": bench.dwell_tilt}
     own = {name: sd for name, sd in own.items() if sd}
 
-    def feel(q: Mapping[str, Array]) -> MeanMotion:
-        felt = felt_vector(bench, steps, q)
-        return MeanMotion(Motion(felt.f, felt.w), felt.df, felt.dw)
-
     def dwells(c: Array, felt: MeanMotion) -> Array:
         slope = sensor.slope(felt.motion, c)[..., :3]
         r, m = observations.mean.shape[-2:]
@@ -281,7 +276,7 @@ def by_vector(
         observations,
         sensor,
         bench.acting(steps, vectors=True),
-        feel,
+        lambda q: felt_vector(bench, steps, q),
         priors,
         dwells=dwells if own else None,
         gauges=gauges(sensor),

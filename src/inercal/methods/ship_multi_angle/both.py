@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from inercal.benches.rate_table.bench import RateTable, felt
 from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian, Problem, least_squares
-from inercal.methods.ship_consistency import by_stated, consistency, linearised, of_rows
-from inercal.methods.ship_multi_angle.states import columns, of_norms, tilted_rows
+from inercal.methods.ship_consistency import by_stated, compared, consistency, linearised, of_rows
+from inercal.methods.ship_multi_angle.states import of_norms, tilted_rows
 from inercal.methods.ship_planar import estimate_of, require_excited
 from inercal.plan import Spin
 from inercal.recording import Observations
@@ -55,18 +55,10 @@ def planar_norm(
     model, gain, converged = solve(plain, f, a, square)
     residual, _ = linearised(model, plain, f, a, square)
     # From errors of M a + p − f of all rows, axes within, to those of the rows as compared.
-    v = model.correct(a)
-    along = v / np.linalg.norm(v, axis=-1, keepdims=True)
-    lead, size = residual.shape[:-1], 3 * len(rest)
-    compared = np.zeros((*lead, residual.shape[-1], 3 * len(steps)))
-    compared[..., np.arange(size), columns(rest)] = 1.0
-    for k, group in enumerate(groups):
-        compared[..., size + k, 3 * group : 3 * group + 3] = along[..., k, :]
+    map_to = compared(model, observations.mean / G0, rest, groups)
     spread = of_rows(observations, bench, steps, model.matrix)
-    spread = compared @ spread @ np.swapaxes(compared, -1, -2)
-    agreement = consistency(
-        observations, sensor, bench, steps, model, gain @ compared, rest, groups
-    )
+    spread = map_to @ spread @ np.swapaxes(map_to, -1, -2)
+    agreement = consistency(observations, sensor, bench, steps, model, gain @ map_to, rest, groups)
     return estimate_of(
         sensor,
         model,
@@ -78,7 +70,7 @@ def planar_norm(
             *(f"|f|[{steps[k].label}]" for k in groups),
         ),
         agreement,
-        by_stated(bench, steps, gain @ compared),
+        by_stated(bench, steps, gain @ map_to),
         notes=("no direction is null; the untilted mountings' nominal axes are the frame",),
         converged=converged,
     )

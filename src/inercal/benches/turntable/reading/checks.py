@@ -18,11 +18,11 @@ from inercal.benches.turntable.reading.fits import (
     SOUND,
     Blocks,
     Fit,
-    Signed,
     blocks_of,
     fits,
     moments,
     otherwise,
+    straight,
 )
 from inercal.errors import InputError
 from inercal.recording import GAP, Finding, Track
@@ -170,8 +170,8 @@ def _require_sizes(
 
     def falls(size: float) -> bool:
         """Whether gravity's direction is as the readback says when multiplied."""
-        fit = moments(bench, sensor, made, Signed(*_straight(bench)), size).get("f")
-        return fit is not None and fit.cost(Signed((0, 1, 2), (1, 1, 1))) <= SOUND
+        fit = moments(bench, sensor, made, straight(len(bench.axes)), size).get("f")
+        return fit is not None and fit.cost(straight(3)) <= SOUND
 
     said = f"{where}: the gyros read {times:.4g} times the rate that the readback implies"
     gyros, readback = _unit(times, "°/s", "rad/s"), _unit(1 / times, "°", "rad")
@@ -192,11 +192,6 @@ def paced(time: Array, step: float | None = None) -> str:
     """Say how long a recording lasts and how its samples follow one another by their times."""
     lasting, step = time[-1] - time[0], step or float(np.median(np.diff(time)))
     return f"by them it lasts {lasting:.6g} s, with {step:.3g} s from sample to sample"
-
-
-def _straight(bench: Turntable) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    k = len(bench.axes)
-    return tuple(range(k)), (1,) * k
 
 
 def _sizes(made: Blocks) -> dict[int, float]:
@@ -226,9 +221,8 @@ def _require_axes(
     where: str, made: Blocks, sensor: Sensor, bench: Turntable, columns: Columns
 ) -> None:
     """Refuse columns that are exchanged or reversed, and axes of another size."""
-    straight = Signed((0, 1, 2), (1, 1, 1))
-    by = moments(bench, sensor, made, Signed(*_straight(bench)))
-    off = {kind: m for kind, m in by.items() if m.cost(straight) > SOUND}
+    by = moments(bench, sensor, made, straight(len(bench.axes)))
+    off = {kind: m for kind, m in by.items() if m.cost(straight(3)) > SOUND}
     if not off:
         return
     found = [(fit.cost, _told(fit, columns)) for fit in fits(bench, sensor, made)[:2]]

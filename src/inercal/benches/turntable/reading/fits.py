@@ -56,6 +56,11 @@ class Signed(NamedTuple):
         return dumps(list(each), ensure_ascii=False)
 
 
+def straight(k: int) -> Signed:
+    """Return k columns as they are."""
+    return Signed(tuple(range(k)), (1,) * k)
+
+
 def signed(k: int) -> tuple[Signed, ...]:
     """Return all orders and signs of k columns, the straight one first."""
     return tuple(Signed(o, s) for o in permutations(range(k)) for s in product((1, -1), repeat=k))
@@ -194,34 +199,31 @@ def otherwise(bench: Turntable, sensor: Sensor, made: Blocks) -> tuple[tuple[flo
     made : Blocks
         Some.
     """
-    straight, k = Signed((0, 1, 2), (1, 1, 1)), len(bench.axes)
-    table = Signed(tuple(range(k)), (1,) * k)
+    k = len(bench.axes)
     found: list[tuple[float, str]] = []
     for axes in map("".join, permutations("xyz", k)):
         if axes != bench.axes:
-            by = moments(replace(bench, axes=axes), sensor, made, table)
-            found.append((max(m.cost(straight) for m in by.values()), axes))
+            by = moments(replace(bench, axes=axes), sensor, made, straight(k))
+            found.append((max(m.cost(straight(3)) for m in by.values()), axes))
     return tuple(sorted(one for one in found if one[0] <= SOUND))
 
 
 def _simple(by: dict[Signed, dict[str, Moments]]) -> list[Fit]:
     """Return the best of those that exchange the columns of one thing."""
     ways, (table, of) = signed(3), next(iter(by.items()))
-    straight = ways[0]
+    same = ways[0]
     w, f = ([of[kind].cost(way) if kind in of else 0.0 for way in ways] for kind in "wf")
     tables = [
-        Fit(max(m.cost(straight) for m in each.values()), one, straight, straight)
-        for one, each in by.items()
+        Fit(max(m.cost(same) for m in each.values()), one, same, same) for one, each in by.items()
     ]
-    gyros = [Fit(max(w[k], f[0]), table, way, straight) for k, way in enumerate(ways)]
-    forces = [Fit(max(w[0], f[k]), table, straight, way) for k, way in enumerate(ways)]
+    gyros = [Fit(max(w[k], f[0]), table, way, same) for k, way in enumerate(ways)]
+    forces = [Fit(max(w[0], f[k]), table, same, way) for k, way in enumerate(ways)]
     both = [Fit(max(w[k], f[k]), table, way, way) for k, way in enumerate(ways)]
     return [min(some) for some in (tables, gyros, forces, both)]
 
 
 def _each(table: Signed, of: dict[str, Moments]) -> Fit:
     """Return the best that exchanges each triad by itself."""
-    straight = Signed((0, 1, 2), (1, 1, 1))
     best = {kind: min((m.cost(way), way) for way in signed(3)) for kind, m in of.items()}
-    ways = [best[kind][1] if kind in best else straight for kind in "wf"]
+    ways = [best[kind][1] if kind in best else straight(3) for kind in "wf"]
     return Fit(max(cost for cost, _ in best.values()), table, ways[0], ways[1])
