@@ -25,6 +25,7 @@ from inercal.methods.turntable_kalman.ways import (
     of_accelerometers,
     of_gyros,
 )
+from inercal.plan import TableStep
 from inercal.recording import Observations, Track
 from inercal.sensors import Sensor
 
@@ -89,10 +90,25 @@ def followed(
     observations: Observations,
     sensor: Sensor,
     bench: Turntable,
-    priors: Sequence[Gaussian],
+    steps: Sequence[TableStep],
+    priors: Sequence[Gaussian] = (),
+    *,
     way: Way,
 ) -> Estimate:
     """Return the estimate of both filters, one trial after the other.
+
+    Parameters
+    ----------
+    observations : Observations
+        With the track that the filters follow.
+    sensor : Sensor
+        Triads of gyros and of accelerometers; gyros alone are found too.
+    bench : Turntable
+    steps : sequence of Position or Rotation
+        Unused: the readback says what was done.
+    priors : sequence of Gaussian
+        On coefficients.
+    way : Way
 
     Raises
     ------
