@@ -34,6 +34,7 @@ from inercal.methods.turntable.strapdown import (
 from inercal.methods.turntable.terms import FORCE
 from inercal.methods.turntable_kalman._common import (
     Model,
+    Samples,
     Work,
     average,
     corrected,
@@ -45,15 +46,6 @@ from inercal.methods.turntable_kalman._common import (
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-
-
-class Samples(NamedTuple):
-    """Of n samples."""
-
-    time: Array  # (n,) s
-    forces: Array  # (n, 3), readings, m/s²
-    hold: Indices  # (n,), number of the hold; negative while the table moves
-    warmth: Array  # (n,) K, ΔT; (0,) of a sensor that does not depend on it
 
 
 class Readback(NamedTuple):

@@ -19,6 +19,15 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
+class Samples(NamedTuple):
+    """Of n samples."""
+
+    time: Array  # (n,) s
+    reading: Array  # (n, 3), m/s² or rad/s
+    hold: Indices  # (n,), number of the hold; negative while the table moves
+    warmth: Array  # (n,) K, ΔT; (0,) of a sensor that does not depend on it
+
+
 class Model(NamedTuple):
     """Of three axes and the place where they are."""
 

@@ -7,8 +7,6 @@ Rates are parabolas through the last three samples, with the second-order term o
 # Numba's decorator has no types.
 # pyright: reportUntypedFunctionDecorator=false
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -31,6 +29,7 @@ from inercal.methods.turntable.strapdown import (
 from inercal.methods.turntable.terms import FORCE, RATE, SQUARE, WARM
 from inercal.methods.turntable_kalman._common import (
     Model,
+    Samples,
     Work,
     average,
     corrected,
@@ -52,15 +51,6 @@ from inercal.methods.turntable_kalman._readback import (
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-
-
-class Samples(NamedTuple):
-    """Of n samples."""
-
-    time: Array  # (n,) s
-    rates: Array  # (n, 3), readings, rad/s
-    hold: Indices  # (n,), number of the hold; negative while the table moves
-    warmth: Array  # (n,) K, ΔT; (0,) of a sensor that does not depend on it
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
