@@ -110,16 +110,6 @@ def take(x: Array, first: int, out: Array) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def product(a: Array, b: Array, out: Array) -> None:
-    """Write the product of 3 × 3 matrices."""
-    for i in range(3):
-        for j in range(3):
-            out[i, j] = 0.0
-            for k in range(3):
-                out[i, j] += a[i, k] * b[k, j]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def walked(cm: Array, noise: Array, since: float, out: Array) -> None:
     """Write what white noise makes of an integral over a time, C M diag(noise) (C M)ᵀ Δt."""
     for k in range(3):

@@ -17,15 +17,8 @@ from numpy.typing import NDArray
 
 from inercal.estimate.kalman import update
 from inercal.methods.turntable.drifting import drifting
-from inercal.methods.turntable.strapdown import apart, around, copy, delayed, turn_level
-from inercal.methods.turntable_kalman._common import (
-    Model,
-    Samples,
-    Transition,
-    Work,
-    product,
-    take,
-)
+from inercal.methods.turntable.strapdown import apart, around, copy, delayed, product, turn_level
+from inercal.methods.turntable_kalman._common import Model, Samples, Transition, Work, take
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -14,7 +14,7 @@ from inercal.estimate.left_out import LeftOut, left_out
 from inercal.estimate.scores import compressed
 from inercal.methods import temperature
 from inercal.methods.turntable import left_out as columns
-from inercal.methods.turntable.left_out import Column, Columns
+from inercal.methods.turntable.left_out import Column, Columns, Epochs
 from inercal.methods.turntable_kalman.accelerometers import Accelerometers
 from inercal.methods.turntable_kalman.filter import TILT, Found
 from inercal.methods.turntable_kalman.gyros import Gyros
@@ -56,14 +56,14 @@ def of_filter(
     # What drives gyros does so from the run's start on.
     whole = np.concatenate([track.time[:1], time]) if isinstance(made, Gyros) else time
     warmth = temperature.at(track, made.part.sensor, whole)
-    given = made.part, made.bench, theta, whole, _angles(track, whole), warmth
+    at = Epochs(made.part, made.bench, theta, whole, _angles(track, whole), warmth)
     phi = made.states.index(TILT[0])
     if isinstance(made, Gyros):
-        some, _ = columns.of_gyros(*given)
+        some, _ = columns.of_gyros(at)
         sums = left_out(steps, _start(made, some), some.driven, phi, some.seen, 0)
         sums = _timed(made, found, some.all, _averaged(made, track, time, sums))
     else:
-        some = columns.of_accelerometers(*given)
+        some = columns.of_accelerometers(at)
         start, seen = _start(made, some), some.seen[:, : steps.s.shape[1] - phi]
         sums = left_out(steps, start, some.driven, 0, seen, phi, made.observed)
         sums = _averaged(made, track, time, sums)
