@@ -17,8 +17,9 @@ from inercal.host.assembly import Assembly
 from inercal.host.live import Live
 from inercal.host.log import Frame, Log
 from inercal.methods import METHODS
-from inercal.methods.turntable_kalman.follow import WAYS, accelerometers, apart, gyros
+from inercal.methods.turntable_kalman.follow import WAYS, apart, filtered
 from inercal.methods.turntable_kalman.innovations import Filtered
+from inercal.methods.turntable_kalman.ways import KINDS
 from inercal.pipeline import calibrate
 from inercal.runfile import Run, read
 
@@ -66,10 +67,7 @@ def by_recording(run: Run) -> dict[str, Filtered]:
     track = observe(run).observations.track
     assert track is not None
     way, priors = WAYS[run.estimator], apart(run.sensor, run.priors)
-    return {
-        "w": gyros(run.sensor, run.bench, track, way, priors),
-        "f": accelerometers(run.sensor, run.bench, track, way, priors),
-    }
+    return {kind: filtered(kind, run.sensor, run.bench, track, way, priors) for kind in KINDS}
 
 
 @pytest.mark.parametrize("estimator", ["full", "drift", "paper"])

@@ -14,7 +14,7 @@ from inercal.benches.turntable.attitude import motion
 from inercal.benches.turntable.simulation import travel
 from inercal.keys import CoefficientName
 from inercal.methods import METHODS, Method, PartialEstimate, Sequential
-from inercal.methods.turntable_kalman.follow import WAYS, gyros
+from inercal.methods.turntable_kalman.follow import WAYS, filtered
 from inercal.plan import Position, Rotation
 from inercal.recording import Track
 from inercal.sensors import Noise, Sensor, imu
@@ -159,7 +159,7 @@ def test_a_plan_of_hours_has_the_states_of_the_recording_that_it_leaves():
     steps, rate = (replace(STEPS[0], seconds=1.1e4),), 5.0  # beyond 10⁴ s flicker has one more
     sensor = sensor_of(method).only("w")
     track = track_of(sensor, steps, rate)
-    after = gyros(sensor, TABLE, track, WAYS["full"])
+    after = filtered("w", sensor, TABLE, track, WAYS["full"])
     p = len(sensor.coefficients)
     found: list[bool] = []
     for planned in (steps, STEPS):

@@ -19,6 +19,7 @@ from inercal.methods.temperature import require_planless
 from inercal.methods.turntable import model
 from inercal.methods.turntable_kalman import METHOD as KALMAN
 from inercal.methods.turntable_kalman import follow
+from inercal.methods.turntable_kalman.ways import KINDS
 from inercal.plan import Position, TableStep
 from inercal.recording import Observations, Track
 from inercal.runfile import Run
@@ -150,8 +151,8 @@ def _filtered(
     way = follow.WAYS[run.estimator]
     found: dict[str, float] = {}
     undecided: list[str] = []
-    for one in (follow.gyros, follow.accelerometers):
-        filtered = one(run.sensor, bench, track, way, run.priors)
+    for kind in KINDS:
+        filtered = follow.filtered(kind, run.sensor, bench, track, way, run.priors)
         names = filtered.part.sensor.coefficients
         p = len(names)
         covariance = filtered.covariance[:p, :p]

@@ -53,11 +53,3 @@ class Course:
     innovation: Array
     nis: Array
     smoothed: Smoothed | None = None
-
-    def joined(self, other: "Course") -> "Course":
-        """Return this course and one that follows it, not smoothed: neither knows the other."""
-        time, value, std, innovation, nis = (
-            np.concatenate([getattr(self, key), getattr(other, key)])
-            for key in ("time", "value", "std", "innovation", "nis")
-        )
-        return Course(self.name, self.names, time, value, std, innovation, nis)

@@ -70,22 +70,15 @@ def left_out(
     """
     m = steps.s.shape[1]
     gram, product, x = _summed(
-        steps.a, steps.keep, steps.h, steps.gain, steps.off, steps.s,
-        np.array(start, dtype=float, order="C"), np.ascontiguousarray(driven), at,
-        np.ascontiguousarray(seen), row,
-        m if tested is None else tested,
+        steps, np.array(start, dtype=float, order="C"), np.ascontiguousarray(driven), at,
+        np.ascontiguousarray(seen), row, m if tested is None else tested,
     )  # fmt: skip
     return LeftOut(gram, product, -x)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _summed(
-    a: Array,
-    keep: Array,
-    h: Array,
-    gain: Array,
-    off: Array,
-    s: Array,
+    steps: Steps,
     x: Array,
     driven: Array,
     at: int,
@@ -94,6 +87,7 @@ def _summed(
     tested: int,
 ) -> tuple[Array, Array, Array]:
     """Return G, b and U at the end, in place of x, U at the start."""
+    a, keep, h, gain, off, s, _wanted, _rows = steps
     count, k, n = a.shape
     r, d, o, width = driven.shape[1], driven.shape[2], seen.shape[1], seen.shape[2]
     c = d + width

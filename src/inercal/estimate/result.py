@@ -80,24 +80,25 @@ class Estimate:
         Sum of squared whitened residuals; with a robust loss each counts as its limited pull ψ.
     dof : int
         Degrees of freedom of `chi2`.
-    residual, whitened : (..., m) array
-        y − h(x) in the observations' units, and whitened (no robust weights).
-    observations : tuple of str
-        Their labels, or empty.
     wanted : tuple of str
         The parameters asked for.
     rank : int
         How many directions of the wanted parameters the data determine (first trial).
     singular_values : array
         Of those directions, descending: noise standard deviations per typical size.
-    null_directions : tuple of NullDirection
-        What the data leave free, and a prior therefore decides.
-    weakest : NullDirection or None
-        The direction that the data see least.
     converged : (...) bool array
         False where the search ended without a minimum: such a value must not be used.
     iterations : (...) int array
         Steps tried.
+    residual, whitened : (..., m) array
+        y − h(x) in the observations' units, and whitened (no robust weights); none of formulas and
+        of filters.
+    observations : tuple of str
+        Their labels, or empty.
+    null_directions : tuple of NullDirection
+        What the data leave free, and a prior therefore decides.
+    weakest : NullDirection or None
+        The direction that the data see least.
     groups : tuple of Group
         Kinds of observations where a method judges them apart; the covariance then holds their
         excess already, `chi2` is counted before it, and no Birge ratio is applied.
@@ -121,16 +122,16 @@ class Estimate:
     covariance: Array
     chi2: Array
     dof: int
-    residual: Array
-    whitened: Array
-    observations: tuple[str, ...]
     wanted: tuple[str, ...]
     rank: int
     singular_values: Array
-    null_directions: tuple[NullDirection, ...]
-    weakest: NullDirection | None
     converged: NDArray[np.bool_]
     iterations: NDArray[np.intp]
+    residual: Array = field(default_factory=lambda: np.zeros(0))
+    whitened: Array = field(default_factory=lambda: np.zeros(0))
+    observations: tuple[str, ...] = ()
+    null_directions: tuple[NullDirection, ...] = ()
+    weakest: NullDirection | None = None
     groups: tuple[Group, ...] = ()
     notes: tuple[str, ...] = ()
     courses: tuple[Course, ...] = ()
@@ -155,14 +156,9 @@ class Estimate:
             covariance=covariance,
             chi2=np.zeros(()),
             dof=0,
-            residual=np.zeros(0),
-            whitened=np.zeros(0),
-            observations=(),
             wanted=names,
             rank=len(names),
             singular_values=singular_values,
-            null_directions=(),
-            weakest=None,
             converged=np.array(True),
             iterations=np.array(0),
             notes=notes,

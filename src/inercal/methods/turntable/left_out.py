@@ -16,6 +16,7 @@ estimates within its stated deviation is a column too: what it departs by beyond
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,6 +77,17 @@ class Columns:
         return self.driving + self.observed
 
 
+class Epochs(NamedTuple):
+    """Where columns of what a triad leaves out are worked out."""
+
+    part: Triad
+    bench: Turntable
+    theta: Array  # (p,), coefficients as estimated
+    time: Array  # (e,) s
+    angles: Array  # (e, k) rad, readback
+    warmth: Array | None  # (e,), as of `of_sensor`
+
+
 def more(sensor: Sensor, *, warmed: bool = False) -> Sensor:
     """Return a triad with the coefficients of its tables that are not estimated.
 
@@ -133,29 +145,12 @@ def of_sensor(
     return tuple(columns), np.concatenate([design, drift], axis=-1)
 
 
-def of_gyros(
-    part: Triad,
-    bench: Turntable,
-    theta: Array,
-    time: Array,
-    angles: Array,
-    warmth: Array | None = None,
-) -> tuple[Columns, Array]:
+def of_gyros(epochs: Epochs) -> tuple[Columns, Array]:
     """Return the columns of gyros whose attitude a readback shows, and c where the run begins.
 
-    Parameters
-    ----------
-    part : Triad
-    bench : Turntable
-    theta : (p,) array
-        Its coefficients, as estimated.
-    time : (e + 1,) array
-        s; where the run begins, and of each epoch.
-    angles : (e + 1, k) array
-        Readback there, rad.
-    warmth : (e + 1,) array, optional
-        As of `of_sensor`.
+    The first of e + 1 epochs is where the run begins.
     """
+    part, bench, theta, time, angles, warmth = epochs
     mat, since = reference(bench, angles), np.diff(time)
     since = np.where(since > 0, since, np.inf)  # of an epoch where the run begins nothing is asked
     back = np.swapaxes(mat, -1, -2)
@@ -187,25 +182,12 @@ def of_gyros(
     return Columns((*columns, *places), driven, observed, seen[1:]), seen[0]
 
 
-def of_accelerometers(
-    part: Triad,
-    bench: Turntable,
-    theta: Array,
-    time: Array,
-    angles: Array,
-    warmth: Array | None = None,
-) -> Columns:
+def of_accelerometers(epochs: Epochs) -> Columns:
     """Return the columns of accelerometers that a table holds, as velocities.
 
-    Parameters
-    ----------
-    part, bench, theta
-        As of `of_gyros`.
-    time, angles : (e,) and (e, k) arrays
-        Of epochs; that of the first of a hold drives nothing.
-    warmth : (e,) array, optional
-        As of `of_sensor`.
+    The first epoch of a hold drives nothing.
     """
+    part, bench, theta, time, angles, warmth = epochs
     mat = reference(bench, angles)
     columns, readings = of_sensor(part, at_rest(bench, mat), time, warmth)
     since = np.diff(time, prepend=time[:1])
@@ -214,18 +196,9 @@ def of_accelerometers(
     return Columns(columns, driven, observed, by)
 
 
-def of_means(
-    part: Triad,
-    bench: Turntable,
-    theta: Array,
-    time: Array,
-    angles: Array,
-    warmth: Array | None = None,
-) -> tuple[tuple[Column, ...], Array]:
-    """Return the columns of means of accelerometers at rest, on readings, (n, 3, c).
-
-    Arguments as of `of_gyros`, of n means.
-    """
+def of_means(epochs: Epochs) -> tuple[tuple[Column, ...], Array]:
+    """Return the columns of n means of accelerometers at rest, on readings, (n, 3, c)."""
+    part, bench, theta, time, angles, warmth = epochs
     mat = reference(bench, angles)
     columns, readings = of_sensor(part, at_rest(bench, mat), time, warmth)
     observed, by = of_table(bench, angles, ("azimuth",))

@@ -37,6 +37,16 @@ def copy(matrix: Array, out: Array) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def product(a: Array, b: Array, out: Array) -> None:
+    """Write the product of 3 × 3 matrices."""
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = 0.0
+            for k in range(3):
+                out[i, j] += a[i, k] * b[k, j]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def rotate(c: Array, v: Array) -> None:
     """Turn C by the rotation vector v of the body, in place: C ← C exp [v×]."""
     s = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
@@ -305,14 +315,7 @@ def alike(step: float, other: float) -> bool:
 @njit(cache=True, nogil=True)
 def due(time: Array, period: float, last: float) -> Indices:
     """Return the samples at which an epoch is due: a period or more after the one before."""
-    found = np.empty(time.size, np.int64)
-    count = 0
-    for i in range(time.size):
-        if time[i] - last >= period:
-            found[count] = i
-            count += 1
-            last = time[i]
-    return found[:count]
+    return due_in_holds(time, np.zeros(time.size, np.int64), period, last, 0)
 
 
 @njit(cache=True, nogil=True)

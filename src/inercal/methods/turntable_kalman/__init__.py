@@ -17,72 +17,14 @@ turntable with LabVIEW; its equations are lost in the copy at hand and rebuilt f
 delay and the table's errors as states are ours.
 """
 
-from collections.abc import Sequence
+from functools import partial
 
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.paths import named as named_path
-from inercal.estimate import Estimate, Gaussian
 from inercal.methods._base import Method
 from inercal.methods.turntable.found import remarks
 from inercal.methods.turntable_kalman.follow import WAYS, followed
 from inercal.methods.turntable_kalman.sequential import sequential
-from inercal.plan import TableStep
-from inercal.recording import Observations
-from inercal.sensors import Sensor
-
-
-def full(
-    observations: Observations,
-    sensor: Sensor,
-    bench: Turntable,
-    steps: Sequence[TableStep],
-    priors: Sequence[Gaussian] = (),
-) -> Estimate:
-    """Return the coefficients by the filters that hold all that the bench declares.
-
-    Parameters
-    ----------
-    observations : Observations
-        With the track that the filters follow.
-    sensor : Sensor
-        Triads of gyros and of accelerometers; gyros alone are found too.
-    bench : Turntable
-    steps : sequence of Position or Rotation
-        Unused: the readback says what was done.
-    priors : sequence of Gaussian
-        On coefficients.
-
-    Raises
-    ------
-    InputError
-        No track, no rest at its start, or a sensor that the filters do not take.
-    NotObserved
-        Directions that the run does not decide.
-    """
-    return followed(observations, sensor, bench, priors, WAYS["full"])
-
-
-def drift(
-    observations: Observations,
-    sensor: Sensor,
-    bench: Turntable,
-    steps: Sequence[TableStep],
-    priors: Sequence[Gaussian] = (),
-) -> Estimate:
-    """Return the coefficients without right angles and harmonics; arguments as of `full`."""
-    return followed(observations, sensor, bench, priors, WAYS["drift"])
-
-
-def paper(
-    observations: Observations,
-    sensor: Sensor,
-    bench: Turntable,
-    steps: Sequence[TableStep],
-    priors: Sequence[Gaussian] = (),
-) -> Estimate:
-    """Return the coefficients by the source's 15 and 18 states; arguments as of `full`."""
-    return followed(observations, sensor, bench, priors, WAYS["paper"])
-
 
 METHOD = Method(
     name="turntable_kalman",
@@ -91,7 +33,7 @@ METHOD = Method(
     also={"f": ("k2", "temperature"), "w": ("g", "temperature")},
     needs=("f", "w"),
     plan=named_path,
-    estimators={"full": full, "drift": drift, "paper": paper},
+    estimators={name: partial(followed, way=way) for name, way in WAYS.items()},
     remarks=remarks,
     source="Liu, Cui, Zhang and Xu, North University of China (MIMU on a turntable)",
     sequential=sequential,

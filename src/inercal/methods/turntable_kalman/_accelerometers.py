@@ -18,8 +18,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from inercal.estimate.kalman import Steps, keep_rows, predict, update
-from inercal.methods.turntable.drifting import drifted, drifting, predict_drift
+from inercal.estimate.kalman import Steps, keep_rows, update
+from inercal.methods.turntable.drifting import drifted, drifting
 from inercal.methods.turntable.strapdown import (
     add_up,
     apart,
@@ -27,6 +27,7 @@ from inercal.methods.turntable.strapdown import (
     correct,
     driven_by,
     fill,
+    product,
     turn_level,
     warm,
     warm_matrix,
@@ -34,26 +35,19 @@ from inercal.methods.turntable.strapdown import (
 from inercal.methods.turntable.terms import FORCE
 from inercal.methods.turntable_kalman._common import (
     Model,
+    Samples,
+    Transition,
     Work,
-    average,
+    carry,
     corrected,
-    product,
     take,
     walked,
     work,
+    write,
 )
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-
-
-class Samples(NamedTuple):
-    """Of n samples."""
-
-    time: Array  # (n,) s
-    forces: Array  # (n, 3), readings, m/s²
-    hold: Indices  # (n,), number of the hold; negative while the table moves
-    warmth: Array  # (n,) K, ΔT; (0,) of a sensor that does not depend on it
 
 
 class Readback(NamedTuple):
@@ -89,6 +83,17 @@ class State(NamedTuple):
     epochs: int = 0
 
 
+class Run(NamedTuple):
+    """What every step of the filter is given."""
+
+    samples: Samples
+    readback: Readback
+    model: Model
+    settings: Settings
+    state: State
+    done: Work
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def accelerometers(
     samples: Samples,
@@ -116,28 +121,27 @@ def accelerometers(
     gm = 6 + count
     table, components, drift = gm + model.size, model.drift.times.size, np.zeros(3)
     drifting(x, gm, components, drift)
-    done = work(model, theta, drift)
-    _felt(model, state, done)
+    run = Run(samples, readback, model, settings, state, work(model, theta, drift))
+    _felt(run)
     drawn, driven, z, joint = np.zeros(n), np.zeros((6, 6)), np.zeros(5), np.zeros((components, 3))
     # A literal 0 would have `_carry` compiled a second time, for itself.
     total, first = state.nis, int(np.int64(0))
     for e in range(readback.epochs.size):
         row = e % len(steps.s)
-        a, keep, h, gain = steps.a[row], steps.keep[row], steps.h[row], steps.gain[row]
+        h, gain = steps.h[row], steps.gain[row]
+        to = Transition(steps.a[row], steps.keep[row], driven, drawn, joint)
         here = samples.hold[readback.epochs[e]]
-        first = _carry(first, readback.epochs[e] + 1, samples, model, state, done)
+        first = _carry(first, readback.epochs[e] + 1, run)
         if here != state.hold[0]:
             state.hold[0] = here
-            _begin(e, readback, model, settings, state, a, keep, drawn, joint, driven)
-            predict(p, a, keep, driven, drawn)
-            predict_drift(model.drift, gm, joint, p)
+            _begin(e, run, to)
+            carry(model, gm, to, p)
             history[e, :6] = 0.0
             steps.s[row] = 0.0
         else:
-            _transition(model, state, done, a, keep, drawn, joint, driven)
-            predict(p, a, keep, driven, drawn)
-            predict_drift(model.drift, gm, joint, p)
-            _observe(e, readback, model, state, done, z, h)
+            _transition(run, to)
+            carry(model, gm, to, p)
+            _observe(e, run, z, h)
             nis = 0.0
             for k in range(5):
                 history[e, k] = z[k]
@@ -149,36 +153,35 @@ def accelerometers(
                 nis += off * off / s
             history[e, 5] = nis
             total += nis
-            _feed_back(state, done)
+            _feed_back(run)
         drifting(x, gm, components, drift)
-        corrected(done, model, theta, drift)
-        _felt(model, state, done)
-        for s in range(n):
-            history[e, 6 + s] = theta[s - 6] if 6 <= s < gm else x[s]
-            history[e, 6 + n + s] = p[s, s]
-        elapsed = state.time[1] - state.time[2]
-        average(model, elapsed, 6, x, p, history[e, 6 : 6 + n], history[e, 6 + n :])
+        corrected(run.done, model, theta, drift)
+        _felt(run)
+        elapsed, made = state.time[1] - state.time[2], history[e, 6:]
+        write(model, elapsed, 6, theta, x, p, made[:n], made[n:])
         keep_rows(p, steps, row)
-    _carry(first, samples.time.size, samples, model, state, done)
+    _carry(first, samples.time.size, run)
     return total
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _felt(model: Model, state: State, done: Work) -> None:
+def _felt(run: Run) -> None:
     """Write φ of the force that is felt at rest, and C M: both stay until the next epoch."""
+    state, done = run.state, run.done
     for k in range(3):
-        done.u[k] = model.gravity * state.c[2, k]
+        done.u[k] = run.model.gravity * state.c[2, k]
     fill(done.phi, done.u)
     product(state.c, done.m, done.cm)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _carry(first: int, end: int, samples: Samples, model: Model, state: State, done: Work) -> int:
+def _carry(first: int, end: int, run: Run) -> int:
     """Carry the velocity over a hold's samples, and sum up what drives it.
 
     Return the sample to follow.
     """
     # Each field of a tuple that is asked for counts references: once here, not at each sample.
+    samples, _readback, model, _settings, state, done = run
     time, forces, hold, warmth = samples
     terms, theta, warmed = model.terms, state.theta, warmth.size > 0
     used, m, by, phi, cm, mean, u = (
@@ -210,22 +213,13 @@ def _carry(first: int, end: int, samples: Samples, model: Model, state: State, d
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _begin(
-    e: int,
-    readback: Readback,
-    model: Model,
-    settings: Settings,
-    state: State,
-    a: Array,
-    keep: Array,
-    drawn: Array,
-    joint: Array,
-    driven: Array,
-) -> None:
+def _begin(e: int, run: Run, to: Transition) -> None:
     """Begin a hold: attitude from the table, velocity zero; Φ and Q keep all but what is its own.
 
     The drift goes on.
     """
+    _samples, readback, model, settings, state, _done = run
+    a, keep, driven, drawn, joint = to
     gm = 6 + state.theta.size
     own = gm + model.size + readback.beside.shape[2]  # where a hold's own error begins
     a[:] = 0.0
@@ -246,17 +240,10 @@ def _begin(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _transition(
-    model: Model,
-    state: State,
-    done: Work,
-    a: Array,
-    keep: Array,
-    drawn: Array,
-    joint: Array,
-    driven: Array,
-) -> None:
-    """Write Φ and Q since the epoch before, as `predict` takes them; begin a new epoch."""
+def _transition(run: Run, to: Transition) -> None:
+    """Write Φ and Q since the epoch before; begin a new epoch."""
+    model, state, done = run.model, run.state, run.done
+    a, keep, driven, drawn, joint = to
     terms, gravity = model.terms, model.gravity
     since = state.time[0] - state.time[1]
     state.time[1] = state.time[0]
@@ -274,10 +261,9 @@ def _transition(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _observe(
-    e: int, readback: Readback, model: Model, state: State, done: Work, z: Array, h: Array
-) -> None:
+def _observe(e: int, run: Run, z: Array, h: Array) -> None:
     """Write velocity, and what the readback says beyond the attitude, z = h x + noise."""
+    _samples, readback, model, _settings, state, done = run
     beside, off = readback.beside, done.fed
     gm, q, n = 6 + state.theta.size, beside.shape[2], state.x.size
     own = gm + model.size + q
@@ -296,9 +282,10 @@ def _observe(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _feed_back(state: State, done: Work) -> None:
+def _feed_back(run: Run) -> None:
     """Correct velocity and attitude, and take in the coefficients."""
-    x, theta, velocity, turn = state.x, state.theta, state.velocity, done.turn
+    state, turn = run.state, run.done.turn
+    x, theta, velocity = state.x, state.theta, state.velocity
     for k in range(3):
         velocity[k] -= x[k]
     take(x, 3, turn)

@@ -11,12 +11,23 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from inercal.estimate.kalman import predict
 from inercal.methods.turntable.drift import Drift
+from inercal.methods.turntable.drifting import predict_drift
 from inercal.methods.turntable.strapdown import matrix, sum_up, taken
 from inercal.methods.turntable.terms import BIAS, Terms
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
+
+
+class Samples(NamedTuple):
+    """Of n samples."""
+
+    time: Array  # (n,) s
+    reading: Array  # (n, 3), m/s² or rad/s
+    hold: Indices  # (n,), number of the hold; negative while the table moves
+    warmth: Array  # (n,) K, ΔT; (0,) of a sensor that does not depend on it
 
 
 class Model(NamedTuple):
@@ -28,6 +39,16 @@ class Model(NamedTuple):
     size: int  # of the drift's states
     earth: Array  # (3,) rad/s, level frame
     gravity: float  # m/s²
+
+
+class Transition(NamedTuple):
+    """From one epoch to the next: Φ and Q as `kalman.predict` takes them."""
+
+    a: Array
+    keep: Array
+    driven: Array
+    drawn: Array
+    joint: Array  # (components, 3), what the drift's noise has in common with that of J
 
 
 class Work(NamedTuple):
@@ -75,20 +96,17 @@ def corrected(work: Work, model: Model, theta: Array, drift: Array) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def carry(model: Model, first: int, to: Transition, p: Array) -> None:
+    """Carry a covariance to the next epoch, in place; the drift's states begin at `first`."""
+    predict(p, to.a, to.keep, to.driven, to.drawn)
+    predict_drift(model.drift, first, to.joint, p)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def take(x: Array, first: int, out: Array) -> None:
     """Write what stands in x from `first` on; see `strapdown.copy`."""
     for k in range(out.size):
         out[k] = x[first + k]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def product(a: Array, b: Array, out: Array) -> None:
-    """Write the product of 3 × 3 matrices."""
-    for i in range(3):
-        for j in range(3):
-            out[i, j] = 0.0
-            for k in range(3):
-                out[i, j] += a[i, k] * b[k, j]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -102,10 +120,17 @@ def walked(cm: Array, noise: Array, since: float, out: Array) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def average(
-    model: Model, elapsed: float, before: int, x: Array, p: Array, value: Array, variance: Array
+def write(
+    model: Model,
+    elapsed: float,
+    before: int,
+    theta: Array,
+    x: Array,
+    p: Array,
+    value: Array,
+    variance: Array,
 ) -> None:
-    """Write biases as means over the run so far, in place of the constants, and their variances.
+    """Write estimates and their variances; a bias that drifts as the mean over the run so far.
 
     Parameters
     ----------
@@ -114,10 +139,15 @@ def average(
         s since the start.
     before : int
         Where the coefficients begin in the state; the drift follows them.
+    theta : (p,) array
+        Coefficients; what the state has of them comes on top.
     x, p : (n,) and (n, n) arrays
     value, variance : (n,) arrays
-        Changed where a coefficient is a bias.
+        Written.
     """
+    for s in range(x.size):
+        value[s] = theta[s - before] + x[s] if before <= s < before + theta.size else x[s]
+        variance[s] = p[s, s]
     times, _variance, _walk, averaged = model.drift
     if not averaged or elapsed <= 0:
         return

@@ -7,14 +7,12 @@ Rates are parabolas through the last three samples, with the second-order term o
 # Numba's decorator has no types.
 # pyright: reportUntypedFunctionDecorator=false
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from inercal.estimate.kalman import Steps, keep_rows, predict, update
-from inercal.methods.turntable.drifting import drifted, drifting, predict_drift
+from inercal.estimate.kalman import Steps, keep_rows, update
+from inercal.methods.turntable.drifting import drifted, drifting
 from inercal.methods.turntable.strapdown import (
     JUMPED,
     SUDDEN,
@@ -24,6 +22,7 @@ from inercal.methods.turntable.strapdown import (
     correct,
     driven_by,
     fill,
+    product,
     rotate,
     warm,
     warm_matrix,
@@ -31,17 +30,20 @@ from inercal.methods.turntable.strapdown import (
 from inercal.methods.turntable.terms import FORCE, RATE, SQUARE, WARM
 from inercal.methods.turntable_kalman._common import (
     Model,
-    Work,
-    average,
+    Samples,
+    Transition,
+    carry,
     corrected,
-    product,
     take,
     walked,
     work,
+    write,
 )
 from inercal.methods.turntable_kalman._readback import (
     STILL,
     Readback,
+    Run,
+    Seen,
     Settings,
     State,
     again,
@@ -52,15 +54,6 @@ from inercal.methods.turntable_kalman._readback import (
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-
-
-class Samples(NamedTuple):
-    """Of n samples."""
-
-    time: Array  # (n,) s
-    rates: Array  # (n, 3), readings, rad/s
-    hold: Indices  # (n,), number of the hold; negative while the table moves
-    warmth: Array  # (n,) K, ΔT; (0,) of a sensor that does not depend on it
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -89,74 +82,64 @@ def gyros(
     x, p, theta = state.x, state.p, state.theta
     count, n = theta.size, x.size
     gm = 3 + count
-    fed, z, spread = np.zeros(3), np.zeros(3), np.zeros(3)
-    components = model.drift.times.size
+    fed, components = np.zeros(3), model.drift.times.size
+    z, spread = np.zeros(3), np.zeros(3)
     if settings.closed:
         drifting(x, gm, components, fed)  # what readings are corrected by
-    done = work(model, theta, fed)
+    run = Run(samples, readback, model, settings, state, work(model, theta, fed))
     joint = np.zeros((components, 3))
     drawn, driven = np.zeros(n), np.zeros((3, 3))
     # A literal 0 would have `_carry` compiled a second time, for itself.
     total, first = state.nis, int(np.int64(0))
     for e in range(readback.epochs.size):
         row = e % len(steps.s)
-        a, keep, h, gain = steps.a[row], steps.keep[row], steps.h[row], steps.gain[row]
-        first = _carry(first, readback.epochs[e] + 1, samples, model, settings, state, done)
-        _transition(model, settings, state, done, a, keep, drawn, joint, driven)
+        seen, gain = Seen(z, spread, steps.h[row]), steps.gain[row]
+        to = Transition(steps.a[row], steps.keep[row], driven, drawn, joint)
+        first = _carry(first, readback.epochs[e] + 1, run)
+        _transition(run, to)
         lost = state.lost[0]
         if lost:
-            align(e, readback, settings, state, done, a, driven)
+            align(e, run, to)
         if settings.closed:
-            _turned_by_earth(settings, x, a)
+            _turned_by_earth(settings, x, to.a)
         else:
-            _follow(x, a)
-        predict(p, a, keep, driven, drawn)
-        predict_drift(model.drift, gm, joint, p)
+            _follow(x, to.a)
+        carry(model, gm, to, p)
         if lost:
             history[e, :4] = 0.0
             steps.s[row] = 0.0
         else:
-            observe(e, readback, model, settings, state, done, fed, x, p, z, spread, h)
-            again(e, readback, model, settings, state, done, fed, z, spread, h, gain)
+            observe(e, run, fed, x, p, seen)
+            again(e, run, fed, seen, gain)
             nis = 0.0
             for k in range(3):
                 history[e, k] = z[k]
                 for j in range(n):
-                    history[e, k] -= h[k, j] * x[j]
+                    history[e, k] -= seen.h[k, j] * x[j]
             for k in range(3):
                 variance = settings.variance + spread[k]
-                off, s = update(x, p, h[k], z[k], variance, gain[k])
+                off, s = update(x, p, seen.h[k], z[k], variance, gain[k])
                 steps.off[row, k], steps.s[row, k] = off, s
                 nis += off * off / s
             history[e, 3] = nis
             total += nis
             if settings.closed:
-                feed_back(model, state, done, fed)
+                feed_back(run, fed)
         if settings.closed:
             drifting(x, gm, components, fed)
-        corrected(done, model, theta, fed)
-        for s in range(n):
-            history[e, 4 + s] = theta[s - 3] + x[s] if 3 <= s < gm else x[s]
-            history[e, 4 + n + s] = p[s, s]
-        elapsed = state.time[1] - state.time[2]
-        average(model, elapsed, 3, x, p, history[e, 4 : 4 + n], history[e, 4 + n :])
+        corrected(run.done, model, theta, fed)
+        elapsed, made = state.time[1] - state.time[2], history[e, 4:]
+        write(model, elapsed, 3, theta, x, p, made[:n], made[n:])
         keep_rows(p, steps, row)
-    _carry(first, samples.time.size, samples, model, settings, state, done)
+    _carry(first, samples.time.size, run)
     return total
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _carry(
-    first: int,
-    end: int,
-    samples: Samples,
-    model: Model,
-    settings: Settings,
-    state: State,
-    done: Work,
-) -> int:
+def _carry(first: int, end: int, run: Run) -> int:
     """Carry the attitude over samples, and sum up what drives φ; return the sample to follow."""
     # Each field of a tuple that is asked for counts references: once here, not at each sample.
+    samples, _readback, model, settings, state, done = run
     time, rates, hold, warmth = samples
     terms, theta = model.terms, state.theta
     used, m, by, phi, cm, half, mean, u, turn, fed = done
@@ -223,21 +206,13 @@ def _carry(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _transition(
-    model: Model,
-    settings: Settings,
-    state: State,
-    done: Work,
-    a: Array,
-    keep: Array,
-    drawn: Array,
-    joint: Array,
-    driven: Array,
-) -> None:
-    """Write Φ and Q since the epoch before, as `predict` takes them; begin a new epoch."""
+def _transition(run: Run, to: Transition) -> None:
+    """Write Φ and Q since the epoch before; begin a new epoch."""
+    _samples, _readback, model, settings, state, done = run
     earth, terms, bent, made, sums = (
         model.earth, model.terms, state.bent[0], state.made, state.sums,
     )  # fmt: skip
+    a, keep, driven, drawn, joint = to
     since = state.time[0] - state.time[1]
     state.time[1] = state.time[0]
     for row in range(len(sums)):

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from inercal.estimate.kalman import update
 from inercal.methods.turntable.drifting import drifting
-from inercal.methods.turntable.strapdown import apart, around, copy, delayed, turn_level
-from inercal.methods.turntable_kalman._common import Model, Work, product, take
+from inercal.methods.turntable.strapdown import apart, around, copy, delayed, product, turn_level
+from inercal.methods.turntable_kalman._common import Model, Samples, Transition, Work, take
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -75,13 +75,31 @@ class State(NamedTuple):
     epochs: int = 0
 
 
+class Run(NamedTuple):
+    """What every step of the filter is given."""
+
+    samples: Samples
+    readback: Readback
+    model: Model
+    settings: Settings
+    state: State
+    done: Work
+
+
+class Seen(NamedTuple):
+    """What a readback says beyond the attitude, z = h x + noise."""
+
+    z: Array  # (3,) rad
+    spread: Array  # (3,) rad², variance beside that of the readback
+    h: Array  # (3, n)
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
-def _stamp(
-    e: int, readback: Readback, settings: Settings, state: State, x: Array, p: Array
-) -> tuple[float, float]:
+def _stamp(e: int, run: Run, x: Array, p: Array) -> tuple[float, float]:
     """Return when a readback was taken, by the sensor's clock, s, and the variance of that."""
-    late, lasting = settings.late, state.time[0] - state.time[2]
-    delay, variance = settings.delay, 0.0
+    state, late = run.state, run.settings.late
+    lasting = state.time[0] - state.time[2]
+    delay, variance = run.settings.delay, 0.0
     if late[0] >= 0:
         delay += x[late[0]]
         variance += p[late[0], late[0]]
@@ -90,31 +108,24 @@ def _stamp(
         variance += p[late[1], late[1]] * lasting * lasting
     if late[0] >= 0 and late[1] >= 0:
         variance += 2 * p[late[0], late[1]] * lasting
-    when: float = state.time[0] - readback.behind[e] - delay
+    when: float = state.time[0] - run.readback.behind[e] - delay
     return when, float(variance)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def align(
-    e: int,
-    readback: Readback,
-    settings: Settings,
-    state: State,
-    done: Work,
-    a: Array,
-    driven: Array,
-) -> None:
+def align(e: int, run: Run, to: Transition) -> None:
     """Take the attitude from the first readback of after a gap.
 
     φ is lost, in Φ and Q too, all else is kept.
     """
-    when, variance = _stamp(e, readback, settings, state, state.x, state.p)
+    state, done = run.state, run.done
+    when, variance = _stamp(e, run, state.x, state.p)
     if when < state.time[4]:
         return
     state.lost[0] = False
     then, rate, turn = done.half, done.fed, done.turn
     delayed(state.times, state.past, state.newest[0], when, then, rate, turn)
-    spread = settings.aligned
+    spread = run.settings.aligned
     for k in range(3):
         spread += rate[k] * rate[k] * variance
     # All that was carried since is turned alike.
@@ -122,46 +133,33 @@ def align(
     for i in range(3):
         for j in range(3):
             for k in range(3):
-                onto[i, j] += readback.attitude[e, i, k] * then[j, k]
+                onto[i, j] += run.readback.attitude[e, i, k] * then[j, k]
     product(onto, state.c, then)
     copy(then, state.c)
     for row in range(len(state.past)):
         product(onto, state.past[row], then)
         copy(then, state.past[row])
-    a[:] = 0.0
-    driven[:] = 0.0
+    to.a[:] = 0.0
+    to.driven[:] = 0.0
     for k in range(3):
-        driven[k, k] = spread
+        to.driven[k, k] = spread
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def observe(
-    e: int,
-    readback: Readback,
-    model: Model,
-    settings: Settings,
-    state: State,
-    done: Work,
-    fed: Array,
-    x: Array,
-    p: Array,
-    z: Array,
-    spread: Array,
-    h: Array,
-) -> None:
-    """Write what the readback says beyond the attitude when it was taken, z = h x + noise.
+def observe(e: int, run: Run, fed: Array, x: Array, p: Array, seen: Seen) -> None:
+    """Write what the readback says beyond the attitude when it was taken, about x of covariance p.
 
-    About x, of covariance p; beside the readback's noise there is `spread`, (3,) rad², where the
-    way bends. `fed` is the drift that is fed back.
+    Its variance is larger where the way bends. `fed` is the drift that is fed back.
     """
-    late, beside = settings.late, readback.beside
+    readback, model, state, done = run.readback, run.model, run.state, run.done
+    (z, spread, h), late, beside = seen, run.settings.late, readback.beside
     times, past, sums, newest = state.times, state.past, state.sums, state.newest[0]
     axis, weights, used, then, rate, turn = (
         model.terms.axis, model.terms.weights, done.used, done.half, done.fed, done.turn,
     )  # fmt: skip
     gm, lasting = 3 + axis.size, state.time[0] - state.time[2]
     own, components = gm + model.size, model.drift.times.size  # where the table's begin
-    when, variance = _stamp(e, readback, settings, state, x, p)
+    when, variance = _stamp(e, run, x, p)
     delayed(times, past, newest, when, then, rate, turn)
     for k in range(3):
         spread[k] = turn[k] * turn[k]
@@ -171,7 +169,7 @@ def observe(
         if rate[k] * rate[k] * state.time[3] < STILL * noise:
             rate[k] = 0.0
     if variance > STRAIGHT * STRAIGHT:
-        _curved(model, state, done, p, when, variance, spread)
+        _curved(run, p, when, variance, spread)
     apart(readback.attitude[e], then, z)
     before, after, share = around(times, newest, when)
     h[:] = 0.0
@@ -199,45 +197,33 @@ def observe(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def again(
-    e: int,
-    readback: Readback,
-    model: Model,
-    settings: Settings,
-    state: State,
-    done: Work,
-    fed: Array,
-    z: Array,
-    spread: Array,
-    h: Array,
-    gain: Array,
-) -> None:
+def again(e: int, run: Run, fed: Array, seen: Seen, gain: Array) -> None:
     """Take z = h x about the delay that it leads to, where little was known of that (iterated).
 
     Source: Bell and Cathey 1993, IEEE TAC 38(2), 294–297: Gauss–Newton on what is most probable.
     """
-    when, variance = _stamp(e, readback, settings, state, state.x, state.p)
+    state, (z, spread, h) = run.state, seen
+    when, variance = _stamp(e, run, state.x, state.p)
     if variance <= STRAIGHT * STRAIGHT:
         return
     for _ in range(ITERATIONS):
         x, p, before = state.x.copy(), state.p.copy(), when
         for k in range(3):
-            update(x, p, h[k], z[k], settings.variance + spread[k], gain[k])
-        observe(e, readback, model, settings, state, done, fed, x, p, z, spread, h)
-        when, _v = _stamp(e, readback, settings, state, x, p)
+            update(x, p, h[k], z[k], run.settings.variance + spread[k], gain[k])
+        observe(e, run, fed, x, p, seen)
+        when, _v = _stamp(e, run, x, p)
         if abs(when - before) < SAME:
             return
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _curved(
-    model: Model, state: State, done: Work, p: Array, when: float, variance: float, spread: Array
-) -> None:
+def _curved(run: Run, p: Array, when: float, variance: float, spread: Array) -> None:
     """Add the mean squares of what is of second order in a delay that is hardly known.
 
     Of α δτ²/2 that is 3/4 (α σ²)², of δω δτ, with the error of the rate by the coefficients, no
     more than 3 σ² var(ω).
     """
+    model, state, done = run.model, run.state, run.done
     then, sd, newest = done.half, np.sqrt(variance), state.newest[0]
     other, one, two, unused = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3)
     delayed(state.times, state.past, newest, when + sd, other, unused, two)
@@ -263,11 +249,12 @@ def _curved(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def feed_back(model: Model, state: State, done: Work, fed: Array) -> None:
+def feed_back(run: Run, fed: Array) -> None:
     """Turn the attitude, now and as it was, by φ, and take in the coefficients.
 
     `fed` is the drift that was fed back before.
     """
+    model, state, done = run.model, run.state, run.done
     x, theta, past, sums, turn = state.x, state.theta, state.past, state.sums, done.turn
     axis, weights, used = model.terms.axis, model.terms.weights, done.used
     by = np.zeros((sums.shape[1], 3))  # what each of φ adds to readings anew

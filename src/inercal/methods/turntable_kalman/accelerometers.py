@@ -10,7 +10,7 @@ these are off by, their sensitivity to g above all, is then taken for tilt.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,21 +19,11 @@ from inercal.benches.turntable.attitude import Misalignment, misalignment, refer
 from inercal.benches.turntable.bench import Turntable
 from inercal.estimate import Course, Gaussian
 from inercal.estimate.kalman import Steps
-from inercal.methods import temperature
 from inercal.methods.turntable import model, strapdown
-from inercal.methods.turntable.model import Triad, beside
+from inercal.methods.turntable.model import beside
 from inercal.methods.turntable_kalman import _accelerometers
-from inercal.methods.turntable_kalman._accelerometers import Readback, Samples, Settings, State
-from inercal.methods.turntable_kalman.common import (
-    TILT,
-    copied,
-    course,
-    drift_of,
-    drifting_of,
-    known,
-    room,
-)
-from inercal.parameters import Parameter
+from inercal.methods.turntable_kalman._accelerometers import Readback, Settings, State
+from inercal.methods.turntable_kalman.filter import TILT, Filter, copied
 from inercal.recording import Track
 from inercal.sensors import Sensor
 
@@ -44,19 +34,13 @@ _COMMON = ("lean_x", "lean_y")  # of the base; what else a hold is off by is its
 
 
 @dataclass(frozen=True, eq=False)
-class Accelerometers:
+class Accelerometers(Filter[State]):
     """The filter of one sensor on one table.
 
     Parameters
     ----------
-    part : Triad
-    bench : Turntable
-    prior : (p, p) array
-        Covariance of the coefficients before the data.
-    first : (p,) array
-        Coefficients before the data.
-    table : tuple of q Parameter
-        Of the states after the drift.
+    part, bench, prior, first, table
+        As of `Filter`.
     holds : bool
         Whether the error of each hold's angles is a state.
     readback : float or None
@@ -66,14 +50,14 @@ class Accelerometers:
         Standard deviation of the velocity at rest, m/s.
     """
 
-    part: Triad
-    bench: Turntable
-    prior: Array
-    first: Array
-    table: tuple[Parameter, ...]
     holds: bool
     readback: float | None
     still: float
+
+    name: ClassVar[str] = "accelerometers"
+    unit: ClassVar[str] = "m/s"
+    before: ClassVar[tuple[str, ...]] = ("v_e", "v_n", "v_u", *TILT)
+    rows: ClassVar[int] = 5
 
     @classmethod
     def of(
@@ -122,35 +106,35 @@ class Accelerometers:
         return cls(part, bench, prior, first, kept, table == "lean", readback, still)
 
     @property
-    def states(self) -> tuple[str, ...]:
-        """Names of the states."""
-        table = (q.name for q in self.table)
-        coefficients = self.part.sensor.coefficients
-        return ("v_e", "v_n", "v_u", *TILT, *coefficients, *drift_of(self.part), *table, *self._own)
-
-    @property
     def varying(self) -> tuple[str, ...]:
         """Names of the states that vary with time and that a hold says something of."""
-        return (*TILT[:2], *drifting_of(self.part), *self._own)
+        return (*TILT[:2], *self.drifting, *self.own)
 
     @property
-    def _own(self) -> tuple[str, ...]:
+    def own(self) -> tuple[str, ...]:
+        """Names of the error of each hold's angles."""
         return ("hold_x", "hold_y") if self.holds else ()
+
+    @property
+    def observed(self) -> int:
+        """How many components of an epoch are tested."""
+        # At rest a readback that is stated as exact is: what it leaves of the floor tests nothing.
+        return 3 if self.readback is None and self.bench.white == 0 else self.rows
+
+    @property
+    def shared(self) -> Array:
+        """Part of the coefficients' covariance that no innovation shows, (p, p): gravity's."""
+        g = self.bench.gravity
+        along = model.of_gravity(self.part) * g.sd / g.value
+        return np.outer(along, along)
 
     def start(self, track: Track) -> State:
         """Return the state before the first sample of a track."""
-        p, q = len(self.first), len(self.table)
-        d = self.part.drift.size
-        n = 6 + p + d + q + (2 if self.holds else 0)
-        covariance = np.zeros((n, n))
-        covariance[6 : 6 + p, 6 : 6 + p] = self.prior
-        covariance[6 + p :, 6 + p :][:d, :d] = self.part.drift.covariance()
-        at = np.arange(6 + p + d, 6 + p + d + q)
-        covariance[at, at] = [one.sd**2 for one in self.table]
+        covariance = self.covariance(0.0)
         return State(
             c=np.eye(3),
             theta=self.first.copy(),
-            x=np.zeros(n),
+            x=np.zeros(len(covariance)),
             p=covariance,
             made=np.zeros((self.part.terms.size, 3, 3)),
             time=np.full(3, track.time[0]),
@@ -159,50 +143,25 @@ class Accelerometers:
             hold=np.array([-1]),
         )
 
-    def step(self, state: State, track: Track, smooth: Sequence[str] = ()) -> tuple[State, Course]:
-        """Return the state after the samples of a track, and the course through them.
-
-        Parameters
-        ----------
-        state : State
-        track : Track
-            The samples that follow.
-        smooth : sequence of str
-            States whose course is smoothed by all of the track, as `varying`.
-        """
-        return self.with_steps(state, track, smooth)[:2]
-
     def with_steps(
         self, state: State, track: Track, smooth: Sequence[str] = ()
     ) -> tuple[State, Course, Steps]:
-        """Return the same, and what the filter did at each epoch where a state is smoothed."""
+        """Return as `Filter.with_steps`."""
         after = copied(state)
         epochs = strapdown.due_in_holds(
             track.time, track.hold, model.PERIOD * (1 - 1e-6), after.time[1], after.hold[0]
         )
-        history = np.zeros((epochs.size, 6 + 2 * state.x.size))
-        steps = room(self.part, self.states, smooth, epochs.size, 6, 5)
+        steps, history = self.room(epochs.size, smooth)
         nis = _accelerometers.accelerometers(
-            Samples(
-                track.time,
-                np.ascontiguousarray(track.reading[:, self.part.channels]),
-                track.hold,
-                temperature.along(track, self.part.sensor),
-            ),
+            self.samples(track),
             self._readback(epochs, track.angles[epochs]),
-            known(self.part, self.bench),
+            self.known(),
             Settings(self.still**2, _ALIGNED**2),
             after,
             steps,
             history,
         )
-        taken = int((history[:, 5] > 0).sum())
-        after = after._replace(nis=nis, epochs=state.epochs + taken)
-        made = course(
-            self.part, "accelerometers", self.states, smooth, track.time[epochs], history, steps,
-            after,
-        )  # fmt: skip
-        return after, made, steps
+        return self.after(after, nis, track.time[epochs], steps, history, smooth)
 
     def _readback(self, epochs: NDArray[np.int64], angles: Array) -> Readback:
         """Return what the kernel is told of the readback (e, k) at epochs."""

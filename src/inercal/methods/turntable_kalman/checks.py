@@ -14,12 +14,10 @@ from inercal.estimate.left_out import LeftOut, left_out
 from inercal.estimate.scores import compressed
 from inercal.methods import temperature
 from inercal.methods.turntable import left_out as columns
-from inercal.methods.turntable.left_out import Column, Columns
-from inercal.methods.turntable_kalman import ways
+from inercal.methods.turntable.left_out import Column, Columns, Epochs
 from inercal.methods.turntable_kalman.accelerometers import Accelerometers
-from inercal.methods.turntable_kalman.common import TILT, averaging
+from inercal.methods.turntable_kalman.filter import TILT, Found
 from inercal.methods.turntable_kalman.gyros import Gyros
-from inercal.methods.turntable_kalman.ways import Found
 from inercal.recording import Observations, Track
 
 Array = NDArray[np.float64]
@@ -38,12 +36,14 @@ class Checked(NamedTuple):
     sums: LeftOut | None  # of the columns
 
 
-def of_gyros(made: Gyros, found: Found, track: Track, time: Array, steps: Steps) -> Checked:
-    """Return what tests of the gyros' filter need.
+def of_filter(
+    made: Gyros | Accelerometers, found: Found, track: Track, time: Array, steps: Steps
+) -> Checked:
+    """Return what tests of a filter need.
 
     Parameters
     ----------
-    made : Gyros
+    made : Gyros or Accelerometers
     found : Found
         At the end of the run.
     track : Track
@@ -52,28 +52,23 @@ def of_gyros(made: Gyros, found: Found, track: Track, time: Array, steps: Steps)
     steps : Steps
         Of them all.
     """
-    whole = np.concatenate([track.time[:1], time])
     theta = found.value[: len(made.first)]
+    # What drives gyros does so from the run's start on.
+    whole = np.concatenate([track.time[:1], time]) if isinstance(made, Gyros) else time
     warmth = temperature.at(track, made.part.sensor, whole)
-    some, _ = columns.of_gyros(made.part, made.bench, theta, whole, _angles(track, whole), warmth)
+    at = Epochs(made.part, made.bench, theta, whole, _angles(track, whole), warmth)
     phi = made.states.index(TILT[0])
-    sums = left_out(steps, _start(made, some), some.driven, phi, some.seen, 0)
-    sums = _averaged(made, track, time, sums)
-    return _checked("gyros", made, time, steps, some.all, _timed(made, found, some.all, sums))
-
-
-def of_accelerometers(
-    made: Accelerometers, found: Found, track: Track, time: Array, steps: Steps
-) -> Checked:
-    """Return what tests of the accelerometers' filter need; arguments as of `of_gyros`."""
-    theta = found.value[: len(made.first)]
-    warmth = temperature.at(track, made.part.sensor, time)
-    angles = _angles(track, time)
-    some = columns.of_accelerometers(made.part, made.bench, theta, time, angles, warmth)
-    start, seen = _start(made, some), some.seen[:, : steps.s.shape[1] - 3]
-    sums = left_out(steps, start, some.driven, 0, seen, 3, ways.observed(made))
-    sums = _averaged(made, track, time, sums)
-    return _checked("accelerometers", made, time, steps, some.all, sums)
+    if isinstance(made, Gyros):
+        some, _ = columns.of_gyros(at)
+        sums = left_out(steps, _start(made, some), some.driven, phi, some.seen, 0)
+        sums = _timed(made, found, some.all, _averaged(made, track, time, sums))
+    else:
+        some = columns.of_accelerometers(at)
+        start, seen = _start(made, some), some.seen[:, : steps.s.shape[1] - phi]
+        sums = left_out(steps, start, some.driven, 0, seen, phi, made.observed)
+        sums = _averaged(made, track, time, sums)
+    standard = standardised(steps.off, steps.s)[:, : made.observed]
+    return Checked(made.name, time, standard, made.states, some.all, sums)
 
 
 def _averaged(made: Gyros | Accelerometers, track: Track, time: Array, sums: LeftOut) -> LeftOut:
@@ -81,7 +76,7 @@ def _averaged(made: Gyros | Accelerometers, track: Track, time: Array, sums: Lef
     if not (made.part.drift.averaged and time.size):
         return sums
     end = float(track.time[-1])
-    by, _ = averaging(made.part, made.states, end - float(track.time[0]), end - float(time[-1]))
+    by, _ = made.averaging(end - float(track.time[0]), end - float(time[-1]))
     return sums._replace(moved=sums.moved + by @ sums.moved)
 
 
@@ -127,18 +122,6 @@ def _timed(made: Gyros, found: Found, some: tuple[Column, ...], sums: LeftOut) -
             # About a delay that was far off, nothing is told of how it grows.
             gram[k], gram[:, k], product[k] = 0.0, 0.0, 0.0
     return LeftOut(gram, product, moved)
-
-
-def _checked(
-    name: str,
-    made: Gyros | Accelerometers,
-    time: Array,
-    steps: Steps,
-    found: tuple[Column, ...],
-    sums: LeftOut,
-) -> Checked:
-    standard = standardised(steps.off, steps.s)[:, : ways.observed(made)]
-    return Checked(name, time, standard, made.states, found, sums)
 
 
 def _angles(track: Track, time: Array) -> Array:

@@ -16,22 +16,16 @@ from inercal.methods.turntable import model
 from inercal.methods.turntable.model import ARCSEC
 from inercal.methods.turntable_kalman import checks
 from inercal.methods.turntable_kalman.innovations import Filtered, excess, group, least, told
-from inercal.methods.turntable_kalman.ways import (
-    WAYS,
-    Way,
-    accelerometers_filter,
-    gyros_filter,
-    observed,
-    of_accelerometers,
-    of_gyros,
-)
+from inercal.methods.turntable_kalman.ways import KINDS, WAYS, Kind, Way
+from inercal.plan import TableStep
 from inercal.recording import Observations, Track
 from inercal.sensors import Sensor
 
 Array = NDArray[np.float64]
 
 
-def gyros(
+def filtered(
+    kind: Kind,
     sensor: Sensor,
     bench: Turntable,
     track: Track,
@@ -40,42 +34,20 @@ def gyros(
     *,
     smooth: bool = False,
 ) -> Filtered:
-    """Run the gyros' filter over one trial's track, and back where that is wanted."""
-    made = gyros_filter(sensor, bench, track, way, priors)
-    smoothed = made.varying if smooth else ()
-    state, course, steps = made.with_steps(made.start(track), track, smoothed)
-    found = of_gyros(made, state)
-    checked = None
+    """Run the filter of the gyros ("w") or of the accelerometers ("f") over one trial's track.
+
+    And back where that is wanted.
+    """
+    made = way.filter(kind, sensor, bench, track, priors)
+    run = made.begin(track)
+    course, steps = run.step(track, made.varying if smooth else ())
+    found, checked = run.found, None
     if len(steps.s) == len(course.time):
-        checked = checks.of_gyros(made, found, track, course.time, steps)
+        checked = checks.of_filter(made, found, track, course.time, steps)
     return Filtered(
         made.part, course.names, found.value, found.covariance, course,
-        state.nis, observed(made) * state.epochs, least(track), "rad",
+        run.state.nis, run.components, least(track), made.unit,
         _blind(made.readback if way.source else None), found.shared, checked,
-    )  # fmt: skip
-
-
-def accelerometers(
-    sensor: Sensor,
-    bench: Turntable,
-    track: Track,
-    way: Way,
-    priors: Sequence[Gaussian] = (),
-    *,
-    smooth: bool = False,
-) -> Filtered:
-    """Run the accelerometers' filter over one trial's track, and back where that is wanted."""
-    made = accelerometers_filter(sensor, bench, track, way, priors)
-    smoothed = made.varying if smooth else ()
-    state, course, steps = made.with_steps(made.start(track), track, smoothed)
-    found = of_accelerometers(made, state)
-    checked = None
-    if len(steps.s) == len(course.time):
-        checked = checks.of_accelerometers(made, found, track, course.time, steps)
-    return Filtered(
-        made.part, course.names, found.value, found.covariance, course,
-        state.nis, observed(made) * state.epochs, least(track), "m/s", _blind(made.readback),
-        found.shared, checked,
     )  # fmt: skip
 
 
@@ -89,10 +61,25 @@ def followed(
     observations: Observations,
     sensor: Sensor,
     bench: Turntable,
-    priors: Sequence[Gaussian],
+    steps: Sequence[TableStep],
+    priors: Sequence[Gaussian] = (),
+    *,
     way: Way,
 ) -> Estimate:
     """Return the estimate of both filters, one trial after the other.
+
+    Parameters
+    ----------
+    observations : Observations
+        With the track that the filters follow.
+    sensor : Sensor
+        Triads of gyros and of accelerometers; gyros alone are found too.
+    bench : Turntable
+    steps : sequence of Position or Rotation
+        Unused: the readback says what was done.
+    priors : sequence of Gaussian
+        On coefficients.
+    way : Way
 
     Raises
     ------
@@ -107,15 +94,15 @@ def followed(
     track = temperature.steady(observations.track)
     kinds = {axis.measures for axis in sensor.axes}
     priors = apart(sensor, priors)
-    runs = [run for kind, run in (("w", gyros), ("f", accelerometers)) if kind in kinds]
     lead = track.reading.shape[:-2]
     trials = [
         # Of several trials the first one's course is kept.
         [
-            run(sensor, bench, track.trial(*index), way, priors, smooth=not any(index))
-            for run in runs
+            filtered(kind, sensor, bench, track.trial(*k), way, priors, smooth=not any(k))
+            for kind in KINDS
+            if kind in kinds
         ]
-        for index in np.ndindex(*lead)
+        for k in np.ndindex(*lead)
     ]
     for one in chain.from_iterable(trials):
         p = len(one.part.sensor.coefficients)
@@ -142,14 +129,9 @@ def followed(
         covariance=covariance,
         chi2=chi2,
         dof=sum(one.components for one in trials[0]),
-        residual=np.zeros(0),
-        whitened=np.zeros(0),
-        observations=(),
         wanted=sensor.coefficients,
         rank=p,
         singular_values=1 / np.sqrt(known),
-        null_directions=(),
-        weakest=None,
         converged=np.ones(lead, dtype=bool),
         iterations=np.ones(lead, dtype=np.intp),
         groups=tuple(group(one, observations) for one in trials[0]),
@@ -280,4 +262,4 @@ def _together(
     return value, covariance, sum(one.nis for one in parts)
 
 
-__all__ = ["WAYS", "accelerometers", "apart", "followed", "gyros"]
+__all__ = ["WAYS", "apart", "filtered", "followed"]

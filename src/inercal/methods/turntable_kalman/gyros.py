@@ -12,6 +12,7 @@ old.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,30 +23,19 @@ from inercal.benches.turntable.epochs import GAP
 from inercal.errors import InputError
 from inercal.estimate import Course, Gaussian
 from inercal.estimate.kalman import Steps
-from inercal.methods import temperature
 from inercal.methods.turntable import model, strapdown
-from inercal.methods.turntable.model import ARCSEC, Triad, beside
+from inercal.methods.turntable.model import ARCSEC, beside
 from inercal.methods.turntable_kalman import _gyros
-from inercal.methods.turntable_kalman._gyros import Samples
+from inercal.methods.turntable_kalman._common import Samples
 from inercal.methods.turntable_kalman._readback import Readback, Settings, State
-from inercal.methods.turntable_kalman.common import (
-    TILT,
-    copied,
-    course,
-    drift_of,
-    drifting_of,
-    known,
-    room,
-)
-from inercal.parameters import Parameter
+from inercal.methods.turntable_kalman.filter import TILT, Filter, copied
 from inercal.recording import Track
 from inercal.sensors import Sensor
 
 Array = NDArray[np.float64]
 _SURELY = 4.0  # standard deviations
-_SPAN = (
-    0.1  # s; where less is known of a delay it does not act in first order as the table speeds up
-)
+# s; where less is known of a delay it does not act in first order as the table speeds up.
+_SPAN = 0.1
 _SPARE = 8  # samples of the ring beyond those: two at either end for a cubic, and uneven steps
 _TIMES, _PAUSES = 2.0, 600.0  # as long as planned, and s: what a run with pauses may take
 _DRIVEN = ("latency", "clock", "azimuth")
@@ -53,19 +43,13 @@ _ALIGNED = 60 * ARCSEC  # sd of φ where the attitude is taken from the table
 
 
 @dataclass(frozen=True, eq=False)
-class Gyros:
+class Gyros(Filter[State]):
     """The filter of one sensor on one table.
 
     Parameters
     ----------
-    part : Triad
-    bench : Turntable
-    prior : (p, p) array
-        Covariance of the coefficients before the data.
-    first : (p,) array
-        Coefficients before the data.
-    table : tuple of q Parameter
-        Of the states after the drift.
+    part, bench, prior, first, table
+        As of `Filter`.
     readback : float
         Standard deviation of the attitude by readback, rad.
     lag : int
@@ -78,16 +62,16 @@ class Gyros:
         Whether attitudes are compared while the table turns too.
     """
 
-    part: Triad
-    bench: Turntable
-    prior: Array
-    first: Array
-    table: tuple[Parameter, ...]
     readback: float
     lag: int = 0
     kept: int = 16
     closed: bool = True
     turning: bool = True
+
+    name: ClassVar[str] = "gyros"
+    unit: ClassVar[str] = "rad"
+    before: ClassVar[tuple[str, ...]] = TILT
+    rows: ClassVar[int] = 3
 
     @classmethod
     def of(
@@ -139,33 +123,18 @@ class Gyros:
         return cls(part, bench, prior, first, tuple(wanted), readback, lag, kept)
 
     @property
-    def states(self) -> tuple[str, ...]:
-        """Names of the states."""
-        table = (q.name for q in self.table)
-        return (*TILT, *self.part.sensor.coefficients, *drift_of(self.part), *table)
-
-    @property
     def varying(self) -> tuple[str, ...]:
         """Names of the states that vary with time."""
-        return (*TILT, *drifting_of(self.part))
+        return (*TILT, *self.drifting)
 
     def start(self, track: Track) -> State:
         """Return the state before the first sample of a track."""
-        p, q = len(self.first), len(self.table)
-        d = self.part.drift.size
-        n = 3 + p + d + q
-        covariance = np.zeros((n, n))
-        covariance[:3, :3] = _ALIGNED**2 * np.eye(3)
-        covariance[3 : 3 + p, 3 : 3 + p] = self.prior
-        covariance[3 + p :, 3 + p :][:d, :d] = self.part.drift.covariance()
-        at = np.arange(3 + p + d, n)
-        covariance[at, at] = [one.sd**2 for one in self.table]
-        x = np.zeros(n)
-        x[3 + p + d :] = [one.value for one in self.table]
+        covariance = self.covariance(_ALIGNED**2)
+        x = np.zeros(len(covariance))
+        x[len(x) - len(self.table) :] = [one.value for one in self.table]
         time, mat = float(track.time[0]), reference(self.bench, track.angles[:1])[0]
-        reading, waits = track.reading[0, self.part.channels], np.zeros((0, 5))
-        if self.part.terms.warm:
-            waits = np.zeros((0, 6))
+        reading = track.reading[0, self.part.channels]
+        waits = np.zeros((0, 6 if self.part.terms.warm else 5))
         return State(
             c=mat,
             theta=self.first.copy(),
@@ -183,23 +152,10 @@ class Gyros:
             tail=waits if self.lag < 0 else np.tile([time, *track.angles[0]], (self.lag, 1)),
         )
 
-    def step(self, state: State, track: Track, smooth: Sequence[str] = ()) -> tuple[State, Course]:
-        """Return the state after the samples of a track, and the course through them.
-
-        Parameters
-        ----------
-        state : State
-        track : Track
-            The samples that follow.
-        smooth : sequence of str
-            States whose course is smoothed by all of the track, as `varying`.
-        """
-        return self.with_steps(state, track, smooth)[:2]
-
     def with_steps(
         self, state: State, track: Track, smooth: Sequence[str] = ()
     ) -> tuple[State, Course, Steps]:
-        """Return the same, and what the filter did at each epoch where a state is smoothed."""
+        """Return as `Filter.with_steps`."""
         after = copied(state)
         samples, stamps, angles, tail = self._paired(state.tail, track)
         # In one order of memory, or the kernel would be compiled for each.
@@ -208,9 +164,8 @@ class Gyros:
         if not self.turning:
             epochs = epochs[samples.hold[epochs] >= 0]
         angles = np.ascontiguousarray(angles[epochs])
-        history = np.zeros((epochs.size, 4 + 2 * state.x.size))
         late = self._late()
-        steps = room(self.part, self.states, smooth, epochs.size, 3, 3)
+        steps, history = self.room(epochs.size, smooth)
         nis = _gyros.gyros(
             samples,
             Readback(
@@ -219,7 +174,7 @@ class Gyros:
                 reference(self.bench, angles),
                 beside(misalignment(self.bench, angles), self.table, skipped=_DRIVEN),
             ),
-            known(self.part, self.bench),
+            self.known(),
             Settings(
                 self.readback**2,
                 _ALIGNED**2,
@@ -233,24 +188,19 @@ class Gyros:
             steps,
             history,
         )
-        taken = int((history[:, 3] > 0).sum())
-        after = after._replace(nis=nis, epochs=state.epochs + taken)
-        made = course(
-            self.part, "gyros", self.states, smooth, samples.time[epochs], history, steps, after
-        )
-        return after, made, steps
+        return self.after(after, nis, samples.time[epochs], steps, history, smooth)
 
     def _paired(self, tail: Array, track: Track) -> tuple[Samples, Array, Array, Array]:
         """Return samples, of each the readback's stamp and angles, and what waits for later ones.
 
         `tail` is what has waited.
         """
-        rates, lag = track.reading[:, self.part.channels], self.lag
-        warmth = temperature.along(track, self.part.sensor)
+        samples, lag = self.samples(track), self.lag
         if lag < 0:
-            hold = track.hold.astype(np.float64)
-            beside = [warmth] if self.part.terms.warm else []
-            held = np.concatenate([tail, np.column_stack([track.time, rates, hold, *beside])])
+            hold = samples.hold.astype(np.float64)
+            beside = [samples.warmth] if self.part.terms.warm else []
+            comes = np.column_stack([samples.time, samples.reading, hold, *beside])
+            held = np.concatenate([tail, comes])
             taken = max(len(held) + lag, 0)
             ready = held[:taken]
             samples = Samples(
@@ -261,13 +211,12 @@ class Gyros:
             return samples, track.time[first:], track.angles[first:], held[taken:]
         read = np.concatenate([tail, np.column_stack([track.time, track.angles])])
         ready = read[: track.time.size]
-        samples = Samples(track.time, np.ascontiguousarray(rates), track.hold, warmth)
         return samples, ready[:, 0], ready[:, 1:], read[track.time.size :]
 
     def _late(self) -> NDArray[np.int64]:
         """Return where latency, clock and azimuth stand among the states."""
-        names, first = [q.name for q in self.table], 3 + len(self.first) + self.part.drift.size
-        return np.array([first + names.index(n) if n in names else -1 for n in _DRIVEN])
+        names = self.states
+        return np.array([names.index(n) if n in names else -1 for n in _DRIVEN])
 
 
 def _waiting(bench: Turntable, track: Track, sd: float, lasting: float | None) -> tuple[int, int]:

@@ -6,7 +6,6 @@ all innovations are known.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from math import inf
 
 import numpy as np
@@ -17,22 +16,14 @@ from inercal.benches.turntable.simulation import seconds_on_turntable
 from inercal.estimate import Gaussian
 from inercal.methods._base import PartialEstimate
 from inercal.methods.turntable_kalman import _accelerometers, _readback
-from inercal.methods.turntable_kalman.accelerometers import Accelerometers
+from inercal.methods.turntable_kalman.filter import Running
 from inercal.methods.turntable_kalman.follow import apart
-from inercal.methods.turntable_kalman.gyros import Gyros
-from inercal.methods.turntable_kalman.ways import (
-    WAYS,
-    Found,
-    Way,
-    accelerometers_filter,
-    gyros_filter,
-    observed,
-    of_accelerometers,
-    of_gyros,
-)
+from inercal.methods.turntable_kalman.ways import KINDS, WAYS, Way
 from inercal.plan import TableStep
 from inercal.recording import Track
 from inercal.sensors import Sensor
+
+_Running = Running[_readback.State] | Running[_accelerometers.State]
 
 
 def sequential(
@@ -92,7 +83,7 @@ class FilterPair:
         self._priors, self._lasting = priors, lasting
         self._waiting: list[Track] = []
         self._rests = inf  # when the first rest began
-        self._filters: dict[str, _OfGyros | _OfAccelerometers] = {}
+        self._filters: dict[str, _Running] = {}
 
     def feed(self, track: Track) -> None:
         """Take in the samples that follow.
@@ -115,63 +106,29 @@ class FilterPair:
 
     def estimate(self) -> Mapping[str, PartialEstimate]:
         """Return what each filter has found; empty before the first rest has lasted 20 s."""
-        return {kind: one.estimate() for kind, one in self._filters.items()}
+        return {kind: _of_coefficients(one) for kind, one in self._filters.items()}
 
     def _begin(self, track: Track) -> None:
-        given = self._sensor, self._bench, track, self._way, self._priors, self._lasting
+        given = self._sensor, self._bench, track, self._priors, self._lasting
         kinds = {axis.measures for axis in self._sensor.axes}
-        filters: dict[str, _OfGyros | _OfAccelerometers] = {}
-        if "w" in kinds:
-            gyros = gyros_filter(*given)
-            filters["w"] = _OfGyros(gyros, gyros.start(track))
-        if "f" in kinds:
-            accelerometers = accelerometers_filter(*given)
-            filters["f"] = _OfAccelerometers(accelerometers, accelerometers.start(track))
+        filters = {
+            kind: self._way.filter(kind, *given).begin(track) for kind in KINDS if kind in kinds
+        }
         for one in filters.values():
             one.step(track)
         self._filters = filters
 
 
-@dataclass
-class _OfGyros:
-    """The gyros' filter and its state."""
-
-    made: Gyros
-    state: _readback.State
-
-    def step(self, track: Track) -> None:
-        self.state, _ = self.made.step(self.state, track)
-
-    def estimate(self) -> PartialEstimate:
-        return _of_coefficients(self.made, of_gyros(self.made, self.state), self.state)
-
-
-@dataclass
-class _OfAccelerometers:
-    """The accelerometers' filter and its state."""
-
-    made: Accelerometers
-    state: _accelerometers.State
-
-    def step(self, track: Track) -> None:
-        self.state, _ = self.made.step(self.state, track)
-
-    def estimate(self) -> PartialEstimate:
-        return _of_coefficients(self.made, of_accelerometers(self.made, self.state), self.state)
-
-
-def _of_coefficients(
-    made: Gyros | Accelerometers, found: Found, state: _readback.State | _accelerometers.State
-) -> PartialEstimate:
+def _of_coefficients(one: _Running) -> PartialEstimate:
     """Return the coefficients, which are the first of what a filter has found."""
-    names = made.part.sensor.coefficients
+    names, found = one.made.part.sensor.coefficients, one.found
     p = len(names)
     return PartialEstimate(
         names,
         found.value[:p],
         found.covariance[:p, :p],
-        float(state.nis),
-        observed(made) * state.epochs,
+        float(one.state.nis),
+        one.components,
     )
 
 

@@ -152,10 +152,10 @@ def problem(
         residuals: list[Array] = []
         jacobians: list[Array] = []
         for part, at in zip(parts, own, strict=True):
-            residual, slope = part.rows(x[at], nuisances)
-            jacobian = np.zeros((len(residual), p + q))
-            jacobian[:, np.concatenate([at, np.arange(p, p + q)])] = slope
-            residuals.append(residual)
+            whole, _, _ = part.whitened(x[at], nuisances)
+            jacobian = np.zeros((len(whole), p + q))
+            jacobian[:, np.concatenate([at, np.arange(p, p + q)])] = whole[:, 1:]
+            residuals.append(whole[:, 0])
             jacobians.append(jacobian)
         return np.concatenate(residuals), np.concatenate(jacobians)
 

@@ -19,6 +19,7 @@ from inercal.methods.turntable.strapdown import (
     copy,
     fill,
     matrix,
+    product,
     rotate,
     warm,
     warm_matrix,
@@ -121,11 +122,7 @@ def increments(
             copy(c, half)
             rotate(half, fed)
             rotate(c, turn)
-            for k in range(3):
-                for j in range(3):
-                    cm[k, j] = 0.0
-                    for b in range(3):
-                        cm[k, j] += half[k, b] * m[b, j]
+            product(half, m, cm)
             for s in range(count):
                 size = 0.0
                 for b in range(size_of_phi):

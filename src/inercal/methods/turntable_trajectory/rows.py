@@ -25,7 +25,7 @@ from inercal.errors import InputError
 from inercal.frames import log_so3, skew
 from inercal.methods import temperature
 from inercal.methods.turntable import left_out, model, strapdown
-from inercal.methods.turntable.left_out import Column
+from inercal.methods.turntable.left_out import Column, Epochs
 from inercal.methods.turntable_trajectory import _kernels
 from inercal.motion import Motion
 from inercal.observe import vector
@@ -93,13 +93,6 @@ class Turning:
         by = -model.beside(misalignment(bench, track.angles[epochs]), table)
         return cls(part, bench, table, track, epochs, by)
 
-    def rows(
-        self, theta: Array, q: Mapping[str, float], beside: Array | None = None
-    ) -> tuple[Array, Array]:
-        """Return the whitened residual, (3 e,), and Jacobian, (3 e, p + q + c); see `whitened`."""
-        made, _, _ = self.whitened(theta, q, beside)
-        return made[:, 0], made[:, 1:]
-
     def whitened(
         self, theta: Array, q: Mapping[str, float], beside: Array | None = None
     ) -> tuple[Array, Array, Array]:
@@ -160,10 +153,10 @@ class Turning:
         return end - float(self.track.time[0]), end - float(self.track.time[self.epochs[-1]])
 
     def left_out(self, theta: Array) -> tuple[tuple[Column, ...], Array]:
-        """Return columns of what is left out, (e, 3, c), for `rows`."""
+        """Return columns of what is left out, (e, 3, c), for `whitened`."""
         time, angles = self.track.time[self.epochs], self.track.angles[self.epochs]
         warmth = temperature.at(self.track, self.part.sensor, time)
-        found, first = left_out.of_gyros(self.part, self.bench, theta, time, angles, warmth)
+        found, first = left_out.of_gyros(Epochs(self.part, self.bench, theta, time, angles, warmth))
         seen = np.concatenate([first[None], found.seen])
         since = np.diff(time)[:, None, None]
         within = skew(earth_rate(self.bench)) @ seen[:-1] * since
@@ -298,13 +291,6 @@ class Resting:
             track.warmed,
         )  # fmt: skip
 
-    def rows(
-        self, theta: Array, q: Mapping[str, float], beside: Array | None = None
-    ) -> tuple[Array, Array]:
-        """Return the whitened residual, (3 e,), and Jacobian; as of `Turning`."""
-        made, _, _ = self.whitened(theta, q, beside)
-        return made[:, 0], made[:, 1:]
-
     def whitened(
         self, theta: Array, q: Mapping[str, float], beside: Array | None = None
     ) -> tuple[Array, Array, Array]:
@@ -329,6 +315,7 @@ class Resting:
         )  # fmt: skip
 
     def left_out(self, theta: Array) -> tuple[tuple[Column, ...], Array]:
-        """Return columns of what is left out, (e, 3, c), for `rows`."""
+        """Return columns of what is left out, (e, 3, c), for `whitened`."""
         warmth = self.warmth if self.warmed else None
-        return left_out.of_means(self.part, self.bench, theta, self.time, self.angles, warmth)
+        epochs = Epochs(self.part, self.bench, theta, self.time, self.angles, warmth)
+        return left_out.of_means(epochs)
