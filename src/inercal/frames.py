@@ -14,11 +14,10 @@ Computations, 4th edition, 5.2 (QR) and 9.4.3 (polar).
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from inercal.arrays import Array
 from inercal.errors import InputError
-
-Array = NDArray[np.float64]
 
 
 def skew(v: ArrayLike) -> Array:

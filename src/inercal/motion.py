@@ -7,9 +7,8 @@ along the upward vertical. Arrays may carry leading axes of trials: `(..., n, 3)
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from inercal.arrays import Array
 
 
 def _still() -> Array:

@@ -12,10 +12,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.estimate import Test
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Severity = Literal["note", "warning", "refused"]
 

@@ -11,12 +11,11 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.motion import Motion
 from inercal.parameters import Parameter
 from inercal.sensors import Sensor
 from inercal.units import Measured
-
-Array = NDArray[np.float64]
 
 
 class Bench(Protocol):

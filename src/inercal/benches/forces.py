@@ -3,12 +3,10 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.plan import Spin
-
-Array = NDArray[np.float64]
 
 
 def directions(steps: Sequence[Spin]) -> tuple[Array, Array]:

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.benches.contract import Bench, Simulated, SimulatedMotion
 from inercal.benches.report import Columns, Direction, Plot, Shown, by_mean_motion, row_in_words
@@ -27,7 +26,6 @@ from inercal.units import Measured
 if TYPE_CHECKING:
     from inercal.segments import FoundRests  # the kernels load with the readers
 
-Array = NDArray[np.float64]
 B = TypeVar("B", bound=Bench)
 D = TypeVar("D", bound=DataSection)
 Output = tuple[Readout, Noise]

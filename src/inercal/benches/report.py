@@ -9,8 +9,8 @@ from math import acos, nan
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.calibration import Calibration
 from inercal.estimate import Estimate
 from inercal.motion import Motion
@@ -19,7 +19,6 @@ from inercal.plan import Step
 from inercal.recording import Mark, Observations, Recording
 from inercal.sensors import G0
 
-Array = NDArray[np.float64]
 Columns = Mapping[str, Sequence[str] | Sequence[float] | Sequence[int]]
 
 

@@ -6,16 +6,12 @@ error as an unknown with a prior takes a part of it out, or spreads it over othe
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from inercal.arrays import Array
 from inercal.budget.contributions import TOGETHER, Progress, drawn, first_order, spread, squares
 from inercal.budget.experiment import Experiment
 from inercal.budget.imperfections import Imperfection
 from inercal.budget.shifts import Shift, shifts
 from inercal.errors import InputError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

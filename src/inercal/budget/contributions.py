@@ -12,14 +12,13 @@ act on one another.
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.budget.experiment import Experiment
 from inercal.budget.imperfections import NOISE
 from inercal.uncertainty import monte_carlo
 from inercal.uncertainty.monte_carlo import BATCH
 
-Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 TOGETHER = "together"
 

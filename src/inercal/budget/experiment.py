@@ -16,8 +16,8 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches import MeanBench
 from inercal.budget.imperfections import NOISE, Imperfection, of_bench, of_noise, of_prior
 from inercal.budget.possible import require_possible
@@ -28,7 +28,6 @@ from inercal.plan import Step
 from inercal.recording import Observations
 from inercal.sensors import Sensor
 
-Array = NDArray[np.float64]
 Estimator = Callable[..., Estimate]  # observations, sensor, bench, steps, priors
 
 

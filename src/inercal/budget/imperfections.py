@@ -10,13 +10,12 @@ from dataclasses import dataclass
 from math import pi, radians
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.estimate import Gaussian
 from inercal.parameters import Parameter
 from inercal.sensors import G0, Sensor
 
-Array = NDArray[np.float64]
 NOISE = "noise"
 _COPY = re.compile(r"(_[abxyz]|_?\d)?(\[.*\])?$")  # of a name: the axis, the step
 _ONE = re.compile(r" about [xyz]$|, (toward the centre|along)$")  # of a meaning: which of them

@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.budget.experiment import Experiment
 from inercal.budget.possible import require_possible
 from inercal.data.load import stated_sd
@@ -13,7 +13,6 @@ from inercal.methods.temperature import require_planless
 from inercal.runfile import Run
 from inercal.sensors import Axis
 
-Array = NDArray[np.float64]
 _SECTION = {"f": "accelerometer", "w": "gyro"}
 
 

@@ -9,15 +9,13 @@ A shift is what this changes in the estimate.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches import MeanBench
 from inercal.benches.kind import Effect
 from inercal.benches.kinds import kind_of
 from inercal.budget.experiment import Experiment
 from inercal.units import Measured
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

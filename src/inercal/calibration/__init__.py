@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.calibration.forms import Converted, Frame, ieee1293, reform, reframe
 from inercal.calibration.grade import Verdict
 from inercal.calibration.shared import Shared, SharedError, moved
@@ -15,8 +15,6 @@ from inercal.motion import Motion
 from inercal.recording import Recording
 from inercal.sensors import Form, Sensor, inverse
 from inercal.units import factor
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

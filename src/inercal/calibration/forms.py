@@ -13,16 +13,15 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal import frames
+from inercal.arrays import Array
 from inercal.calibration.shared import Shared, moved
 from inercal.errors import InputError
 from inercal.keys import CoefficientName
 from inercal.sensors import G0, Sensor
 from inercal.uncertainty.propagation import linearised
 
-Array = NDArray[np.float64]
 Frame = Literal["mount", "triangular", "symmetric"]
 _AFFINE = {"k0", "k1", "bias", "scale", "delta_o", "delta_p", "g_i", "g_p", "g_o"}
 

@@ -21,15 +21,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.estimate import Estimate, Score
 from inercal.keys import CoefficientName
 from inercal.parameters import Parameter
 from inercal.sensors import Sensor
 from inercal.sensors.tables import TABLES, Coefficient
 
-Array = NDArray[np.float64]
 _MOVED, _VISIBLE = 5.0, 7.0  # u, and η there
 _UNSCORED = 3.0  # η of the largest plausible size, below which a candidate is not scored
 _ROUNDED = 1e-9  # u

@@ -5,8 +5,8 @@ from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.methods.temperature import require_planless
 from inercal.pipeline import read_out
@@ -16,7 +16,6 @@ from inercal.runfile import Run
 from inercal.segments import between_rests, marks_from_labels, observe
 from inercal.sensors import Sensor
 
-Array = NDArray[np.float64]
 SESSIONS = 5
 _SETTLING = 0.25  # s
 

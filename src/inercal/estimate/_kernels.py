@@ -11,7 +11,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from inercal.arrays import Array
+
 Bools = NDArray[np.bool_]
 
 # Enough to fill the vector units; a block of 25 × 25 matrices still fits the second cache.

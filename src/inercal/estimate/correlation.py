@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import chdtri, digamma, polygamma
 
-Array = NDArray[np.float64]
+from inercal.arrays import Array
 
 COARSE = 2  # levels that show a change; the finer ones show the noise
 LEAST = 1e-6  # of the mean variance: sections that are exactly constant

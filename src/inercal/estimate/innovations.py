@@ -19,9 +19,9 @@ independent: sums A r over groups have the covariance A Aᵀ − (A J) C (A J)�
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.estimate.scores import Test
 
-Array = NDArray[np.float64]
 _FEWEST = 8  # groups that a correlation is computed from
 _LEFT = 1e-6  # least share of a mean that a fit leaves
 

@@ -19,6 +19,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.estimate import nullspace, steps
 from inercal.estimate.loss import Loss
 from inercal.estimate.once import Once
@@ -27,7 +28,6 @@ from inercal.estimate.result import Estimate
 from inercal.estimate.scores import UNSCORED, Candidate, Scored, scored
 from inercal.estimate.system import Point, System
 
-Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 # λ after the first failure, the least that is not none, and where a search is given up.

@@ -26,11 +26,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.estimate.kalman import Steps
 
-Array = NDArray[np.float64]
 _ROWS = 512  # whitened rows that are multiplied at once
 
 

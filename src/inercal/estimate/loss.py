@@ -9,9 +9,8 @@ Welsch 1977, Communications in Statistics A6, 813–827, table 1).
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from inercal.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -11,13 +11,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.errors import NotObserved
 from inercal.estimate.problem import Problem
 from inercal.estimate.system import Point, System
-
-Array = NDArray[np.float64]
 
 # Relative to the best seen direction. Rounding leaves about 1e-14; a direction this much weaker
 # than the best is of no use on any bench.

@@ -9,13 +9,12 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.estimate.factors import Gauge, Gaussian
 from inercal.estimate.scores import Candidate
 
-Array = NDArray[np.float64]
 Linearise = Callable[[Array], tuple[Array, Array]]
 Candidates = Callable[[Array], Iterable[Candidate]]
 KnownNull = tuple[str, Array | Callable[[Array], Array]]

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, chdtri
 
+from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.estimate.course import Course
 from inercal.estimate.nullspace import NullDirection
@@ -22,7 +23,6 @@ from inercal.estimate.once import Once
 from inercal.estimate.scores import UNSCORED, Scored, Test
 from inercal.estimate.spread import Spread
 
-Array = NDArray[np.float64]
 _LEVEL = 0.95
 
 

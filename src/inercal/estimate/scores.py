@@ -34,9 +34,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, chdtri, chndtrix, fdtrc
 
+from inercal.arrays import Array
 from inercal.estimate.once import Once
 
-Array = NDArray[np.float64]
 Kind = Literal["coefficient", "bench", "row", "time"]
 
 LEVEL = 0.01  # of all tests of one estimate together

@@ -42,6 +42,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, chdtri, fdtrc
 
+from inercal.arrays import Array
 from inercal.estimate.correlation import (
     COARSE,
     LEAST,
@@ -55,8 +56,6 @@ from inercal.estimate.correlation import (
     scales,
 )
 from inercal.estimate.scores import Test
-
-Array = NDArray[np.float64]
 
 _BATCHES, _FEW_BATCHES, _FEW_SAMPLES = 16, 8, 64
 _OF_SLOPES = 3  # levels whose scatter is nearly that of slopes

@@ -25,13 +25,12 @@ from collections.abc import Callable
 from typing import NamedTuple, cast
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import chdtri, fdtrc
 
+from inercal.arrays import Array
 from inercal.estimate.scores import tail
 
-Array = NDArray[np.float64]
 _LEVEL = 0.95
 _CALM = 0.99  # a share taken by chance would state too little
 _FEW = 8  # degrees of freedom that cannot tell a share

@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from inercal.arrays import Array
+
 Bools = NDArray[np.bool_]
 
 # Below this many trials the compiled kernel is not worth loading.

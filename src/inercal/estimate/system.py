@@ -8,13 +8,11 @@ Inside, everything carries the axis of trials; a problem without one has a singl
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.estimate.factors import cholesky
 from inercal.estimate.problem import Problem
-
-Array = NDArray[np.float64]
 
 
 class Point(NamedTuple):

@@ -15,8 +15,8 @@ from collections.abc import Sequence
 from math import degrees, isfinite, nan, radians
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.turntable.attitude import motion
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.rates import half_window, of_gyros, of_table
@@ -26,7 +26,6 @@ from inercal.recording import Track
 from inercal.sensors import Sensor
 from inercal.units import ZERO_CELSIUS
 
-Array = NDArray[np.float64]
 _SHARE = 0.5  # of the following error at which the servo gives up
 _BEYOND = 1.2  # times the bench's limit of rate
 _HANGS = 0.5  # s that the controller's clock may stand

@@ -5,14 +5,11 @@ from functools import partial
 from math import nan
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.errors import InputError
 from inercal.host.assembly import Block
 from inercal.methods import METHODS, PartialEstimate
 from inercal.runfile import Run
-
-Array = NDArray[np.float64]
 
 
 class Live:

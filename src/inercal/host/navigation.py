@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.turntable.attitude import earth, reference
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.epochs import GAP
@@ -23,8 +24,6 @@ from inercal.methods.turntable.strapdown import apart, copy, rotate
 from inercal.recording import Track
 from inercal.sensors import Sensor
 from inercal.sensors.inverse import inverse
-
-Array = NDArray[np.float64]
 
 
 class Navigation(NamedTuple):

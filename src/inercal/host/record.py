@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.turntable import data_of, turntable_of
 from inercal.data.load import readback_columns
 from inercal.errors import InputError, brought_by
@@ -25,7 +26,6 @@ from inercal.io.atomic import atomic_write
 from inercal.runfile import Run
 from inercal.units import to_si
 
-Array = NDArray[np.float64]
 _FRAMES = 4096  # worked through at once
 _SUFFIXES = (".h5", ".hdf5")
 _NEEDED = {"time": '"time"', "rate": '"200 Hz"', "label": '"step"', "hold": '"hold"'}

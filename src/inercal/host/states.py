@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.host.drivers.table import TableState
 
-Array = NDArray[np.float64]
 _HEAD = Struct("<dd")
 _AXIS = Struct("<dddB")
 _IN_POSITION, _MOVING, _ENABLED, _HOMED, _FAULT = 1, 2, 4, 8, 16

@@ -13,10 +13,11 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.io import runs
 from inercal.io.table import blocks
-from inercal.recording import Array, Finding, Indices, Recording
+from inercal.recording import Finding, Indices, Recording
 
 Nonfinite = Literal["refuse", "drop"]
 Where = Callable[[int], str]

@@ -7,13 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
+from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.io.audit import Nonfinite, accept, audit, audit_rows
 from inercal.io.counter import from_counter
 from inercal.io.readers import HEAD, Reader, reader_for, refuse_others
 from inercal.io.stamps import from_iso, looks_iso, require_unit
 from inercal.io.table import Table, Wanted, open_error
-from inercal.recording import Array, Recording
+from inercal.recording import Recording
 from inercal.units import factor, to_si
 
 _GZIP = b"\x1f\x8b"

@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from inercal.arrays import Array
 from inercal.io.table import BLOCK, blocks
-from inercal.recording import Array, Finding, Recording
+from inercal.recording import Finding, Recording
 from inercal.sensors import G0, Sensor
 
 _WINDOW_S = 0.5

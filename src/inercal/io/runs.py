@@ -11,8 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.io.table import blocks
-from inercal.recording import Array, Indices
+from inercal.recording import Indices
 
 _STANDS_OUT = 5  # times the longest of the ordinary runs
 _RAIL = 5  # samples; fewer at an extreme are a peak

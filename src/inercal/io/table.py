@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.errors import InputError
 
-Array = NDArray[np.float64]
 Column = Array | NDArray[np.str_]
 _LISTED = 12  # names in a message before it ends in "…"
 MOST_COLUMNS = 1000  # more is a table on its side, or junk that happens to parse
@@ -82,7 +82,7 @@ class Table:
     header: bool
     block: Array | None = None
 
-    def numbers(self, name: str) -> NDArray[np.float64]:
+    def numbers(self, name: str) -> Array:
         """Return a column of numbers, (n,).
 
         Raises

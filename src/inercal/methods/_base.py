@@ -5,16 +5,13 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any, Generic, Literal, NamedTuple, Protocol, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
+from inercal.arrays import Array
 from inercal.calibration.forms import Frame
 from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian
 from inercal.recording import Finding, Observations, Track
 from inercal.sensors import Sensor
 
-Array = NDArray[np.float64]
 Kind = Literal["f", "w"]
 _WORDS = {"f": "accelerometers", "w": "gyros"}
 Bench = TypeVar("Bench")

@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.dividing_head.bench import DividingHead, drift_names, felt
 from inercal.benches.dividing_head.bench import positions as on_head
 from inercal.benches.dividing_head.head_angles import angles
@@ -19,7 +19,6 @@ from inercal.plan import Index
 from inercal.recording import Observations
 from inercal.sensors import Sensor
 
-Array = NDArray[np.float64]
 FEWEST = 4  # positions
 _HARMONICS = 4  # of the head's error: higher ones look like graduations
 # Along the spindle only its lean is felt, and kpp is k0 less k2: sin² + cos² = 1.

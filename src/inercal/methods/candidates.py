@@ -18,13 +18,12 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.estimate import Candidate, Problem
 from inercal.keys import CoefficientName, ErrorName, ObservationName
 from inercal.parameters import Parameter
 from inercal.sensors import G0, SI_UNITS, Sensor
 from inercal.sensors.tables import LARGEST, TABLES, Coefficient
-
-Array = NDArray[np.float64]
 
 # Parameters of these scopes act on many rows; those of one position are seen as its row.
 _SHARED = ("run", "speed", "mounting", "pass")

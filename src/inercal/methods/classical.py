@@ -19,8 +19,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches import Hand
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate, Gaussian, Test
@@ -32,8 +32,6 @@ from inercal.plan import HandStep, Turn
 from inercal.recording import Observations
 from inercal.sensors import Sensor
 from inercal.uncertainty import propagate
-
-Array = NDArray[np.float64]
 
 
 def classical(

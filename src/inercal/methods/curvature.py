@@ -20,16 +20,14 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches import Hand
 from inercal.benches.hand.bench import felt
 from inercal.estimate import Estimate
 from inercal.motion import Motion
 from inercal.plan import HandStep, Hold
 from inercal.sensors import Sensor
-
-Array = NDArray[np.float64]
 
 
 class Curvature(NamedTuple):

@@ -8,8 +8,8 @@ shows there alone.
 from math import pi
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.rate_table.bench import RateTable
 from inercal.estimate import Estimate
 from inercal.methods._base import Fit, Remarks
@@ -18,7 +18,6 @@ from inercal.plan import Spin
 from inercal.sensors import G0, Sensor
 from inercal.units import digits
 
-Array = NDArray[np.float64]
 _POSES = 300
 _MG = 1e-3 * G0
 

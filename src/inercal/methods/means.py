@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches import Hand
 from inercal.benches.hand.bench import felt
 from inercal.errors import NotObserved
@@ -25,7 +26,6 @@ from inercal.plan import HandStep, Hold, Turn
 from inercal.recording import Observations
 from inercal.sensors import G0, Sensor, inverse
 
-Array = NDArray[np.float64]
 _EXACT = 1e-15  # SI; what is known better is exact, such as the level earth rate at a pole
 _ACROSS = 1e-6  # of g, or of a turn's rate
 

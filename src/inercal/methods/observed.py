@@ -13,8 +13,8 @@ Two rules beyond the algebraic rank of the problem:
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.errors import NotObserved
 from inercal.estimate import Estimate, Gaussian
 from inercal.plan import HandStep, Hold
@@ -115,7 +115,7 @@ def steps_in_words(missing: Sequence[HandStep]) -> str:
     return "; missing from the recording: " + ", ".join(texts)
 
 
-def in_natural_words(direction: NDArray[np.float64], names: Sequence[str]) -> str:
+def in_natural_words(direction: Array, names: Sequence[str]) -> str:
     """Return the large parts of a direction as part of a sentence."""
     large = np.flatnonzero(np.abs(direction) > 0.3 * np.abs(direction).max()).tolist()
     return " ".join(f"{direction[k]:+.2g} {names[k]}" for k in large)

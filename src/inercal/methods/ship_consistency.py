@@ -24,8 +24,8 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.rate_table.bench import RateTable, by_parameter, felt
 from inercal.estimate import Candidate, Gaussian, Problem, Scored, scored
 from inercal.estimate.once import Once
@@ -37,7 +37,6 @@ from inercal.recording import Observations
 from inercal.sensors import G0, Sensor
 from inercal.sensors.affine import Affine, to_coefficients
 
-Array = NDArray[np.float64]
 _STEPS = 3  # of Gauss and Newton: norms are nearly linear in θ
 _FLOOR = 1e-14  # of the largest variance: below, a variance is rounding
 

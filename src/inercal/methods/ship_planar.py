@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.rate_table.bench import RateTable, felt
 from inercal.benches.rate_table.fixture import PLANES, planar_plan, tilted
 from inercal.errors import InputError, NotObserved
@@ -32,7 +33,6 @@ from inercal.recording import Observations
 from inercal.sensors import G0, Sensor
 from inercal.sensors.affine import Affine, require_twelve, to_coefficients
 
-Array = NDArray[np.float64]
 _ROUNDING = 1e-13
 _SEEN = 1e-3  # of the largest singular value of what was felt: below, an axis is not excited
 

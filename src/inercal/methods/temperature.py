@@ -7,13 +7,11 @@ estimators handle it. Estimators that cannot take it say so by name.
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.recording import VARIES, Observations, Track
 from inercal.sensors import Sensor
-
-Array = NDArray[np.float64]
 
 
 def offset(observations: Observations, sensor: Sensor) -> Array:

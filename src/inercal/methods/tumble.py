@@ -47,8 +47,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.dividing_head.bench import DividingHead, felt
 from inercal.benches.dividing_head.covariance import by_bench, readings_by_bench
 from inercal.benches.dividing_head.passes import even as even_angles
@@ -68,7 +68,6 @@ from inercal.recording import Observations
 from inercal.sensors import G0, Sensor
 from inercal.uncertainty.propagation import linearised
 
-Array = NDArray[np.float64]
 _NEAR = 0.01  # rad; what `fourier` moves readings by to even angles, at most
 _MOVES = 6  # each leaves `_NEAR` of what the one before left, at most
 _ROUNDED = 1e-12  # of g

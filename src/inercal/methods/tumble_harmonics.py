@@ -16,12 +16,12 @@ from math import ceil, degrees, pi
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.errors import InputError, NotObserved
 from inercal.methods.observed import in_natural_words
 from inercal.motion import Motion
 from inercal.sensors import G0, Sensor
 
-Array = NDArray[np.float64]
 TERMS = ("k0", "k1", "delta_o", "k2", "kip", "k3")
 _COLUMNS = {"k0": "A0", "k1": "S1", "delta_o": "C1", "k2": "C2", "kip": "S2", "k3": "S3"}
 _HIGHEST = 3

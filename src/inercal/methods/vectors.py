@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches import MeanBench, MeanMotion
 from inercal.errors import InputError
 from inercal.estimate import Candidate, Estimate, Gauge, Gaussian, Problem, least_squares
@@ -21,7 +22,6 @@ from inercal.parameters import Parameter
 from inercal.recording import Observations
 from inercal.sensors import Sensor
 
-Array = NDArray[np.float64]
 ROUNDING = 2.0**-50  # of a reading, by the few operations that give it
 
 Feel = Callable[[Mapping[str, Array]], MeanMotion]

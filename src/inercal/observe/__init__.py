@@ -10,14 +10,12 @@ compiled kernel.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.estimate.steps import FEW
 from inercal.keys import CoefficientName
 from inercal.motion import Motion
 from inercal.sensors import Sensor, inverse
-
-Array = NDArray[np.float64]
 
 _ALONG = ("k0", "k1", "k2", "k3", "koq")  # terms along an axis itself, as the kernel counts them
 

@@ -15,7 +15,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from inercal.arrays import Array
+
 Indices = NDArray[np.int64]
 
 _TERMS = 5  # k0, k1, k2, k3, koq

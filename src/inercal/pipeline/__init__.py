@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches import Bench
 from inercal.benches.kind import Kind
 from inercal.calibration import Calibration, Frame
@@ -43,7 +43,6 @@ from inercal.segments import FoundRests
 from inercal.sensors import Sensor
 from inercal.units import ZERO_CELSIUS
 
-Array = NDArray[np.float64]
 _ALL = 3  # axes of a kind that see every component
 
 

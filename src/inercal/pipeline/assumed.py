@@ -13,15 +13,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches import Bench
 from inercal.errors import InputError
 from inercal.estimate import Estimate
 from inercal.parameters import Parameter
 from inercal.units import Measured, digits, factor, readable
 
-Array = NDArray[np.float64]
 _UNITS = {  # to print in, by key
     "gravity": "m/s²",
     "latitude": "°",

@@ -7,14 +7,12 @@ or on the way between rests, accelerometers where a turntable holds.
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.calibration import Validity
 from inercal.calibration.validity import Range
 from inercal.data import Gathered
 from inercal.sensors import Sensor
-
-Array = NDArray[np.float64]
 
 
 def validity(sensor: Sensor, gathered: Gathered) -> Validity:

@@ -13,12 +13,13 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import NullLocator
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches import Turntable
 from inercal.calibration.verdict import COVERAGE
 from inercal.estimate import Course, Smoothed
 from inercal.keys import CoefficientName
 from inercal.pipeline import Outcome
-from inercal.recording import Array, Track
+from inercal.recording import Track
 from inercal.report import drawing
 from inercal.report.drawing import AXES, BAND, FAINT, WARN, svg
 from inercal.sensors import G0, Sensor

@@ -13,10 +13,10 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
+from inercal.arrays import Array
 from inercal.estimate import Estimate
 from inercal.keys import CoefficientName
 from inercal.pipeline import Outcome
-from inercal.recording import Array
 from inercal.report import drawing
 from inercal.report.drawing import AXES, BAND, FAINT, INK, MINUS, PAPER, PLUS, SHAPES, X, Y, Z, svg
 

@@ -12,8 +12,9 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from inercal.arrays import Array
 from inercal.pipeline import Outcome
-from inercal.recording import Array, Mark, Recording
+from inercal.recording import Mark, Recording
 from inercal.report import drawing
 from inercal.report.drawing import AXES, BAND, FAINT, INK, MUTED, WARN, svg
 from inercal.report.figures import KINDS

@@ -15,12 +15,12 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.turntable import is_turntable
 from inercal.methods.turntable import model
 from inercal.methods.turntable_trajectory import METHOD
 from inercal.methods.turntable_trajectory.rows import Resting, Turning
 from inercal.pipeline import Outcome
-from inercal.recording import Array
 from inercal.report import drawing
 from inercal.report.drawing import BAND, FAINT, svg
 from inercal.report.figures import BEYOND, beyond, dots

@@ -15,7 +15,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from inercal.arrays import Array
+
 Indices = NDArray[np.int64]
 
 _BLOCK = 64  # windows at least that share a reference

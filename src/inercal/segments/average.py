@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.plan import Rotation, Step, Turn
 from inercal.recording import Mark, Observations, Recording
@@ -25,7 +25,6 @@ from inercal.segments.within import Within, drift_in_words, within
 from inercal.sensors import Sensor
 from inercal.uncertainty import BATCHES, pooled_mean_covariances
 
-Array = NDArray[np.float64]
 MIN_SAMPLES = 20  # fewer leave no batches to judge the noise by
 _FREEDOM = 342  # degrees of freedom behind the noise: those of 18 rests of 20 batches
 

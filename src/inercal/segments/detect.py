@@ -14,13 +14,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.plan import HandStep, Hold, Turn
 from inercal.recording import Finding, Mark, Recording
 from inercal.segments.levels import NAMES, Level, kinds_of, level_of, segments_of
 from inercal.sensors import Sensor
 
-Array = NDArray[np.float64]
 WINDOW = 0.5  # s over which scatter is judged
 MARGIN = 0.25  # s cut off both ends of a rest: the hand lets go
 SHORTEST = 1.0  # s

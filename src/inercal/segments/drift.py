@@ -10,11 +10,10 @@ recording's start; its covariance at times t and t' is K² min(t, t').
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.sensors import Noise
 
-Array = NDArray[np.float64]
 _POINTS_A_DECADE = 400  # the cosine's fastest cycles are then damped by the sincs
 _BEYOND = 30.0  # cycles in the shortest section, where the sincs have died out
 

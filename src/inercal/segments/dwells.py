@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
+from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.plan import Attitude, Spin, on_arm
 from inercal.recording import Finding, Mark, Observations, Recording
@@ -32,7 +33,6 @@ from inercal.segments.average import coarse_steps
 from inercal.segments.drift import drift_covariance
 from inercal.sensors import Sensor
 
-Array = NDArray[np.float64]
 ARM_RATE, PSI, THETA = "arm_rate", "psi", "theta"  # readback, SI
 _STEADY = 2e-3  # of the rate
 _WINDOW = 0.5  # s

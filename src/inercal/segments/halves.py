@@ -15,14 +15,13 @@ should be, but the sensor is not. Such parts of one still run are compared in th
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.estimate import Test
 from inercal.estimate.sections import change_between
 from inercal.recording import Halves, Mark, Recording
 from inercal.sensors import Sensor, inverse
 
-Array = NDArray[np.float64]
 _BLOCK = 0.25  # s
 _KNOWN = 0.1  # of a turn, by which nominal gyros may be wrong
 

@@ -30,12 +30,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.recording import Recording
 from inercal.segments import _kernels
 from inercal.sensors import Sensor
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Kind = Literal["f", "w"]
 

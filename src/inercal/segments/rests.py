@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.recording import Finding, Mark, Recording
 from inercal.segments import _kernels
@@ -34,7 +35,6 @@ from inercal.segments.levels import (
 )
 from inercal.sensors import Sensor
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 MARGIN = (0.25, 0.4)  # s cut off both ends of a run: a tenth of it, within these limits

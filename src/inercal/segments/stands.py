@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.recording import Finding, Mark, Recording
 from inercal.segments.dwells import (
     ARM_RATE,
@@ -203,5 +204,5 @@ def _runs(held: NDArray[np.bool_], start: int, stop: int) -> list[tuple[int, int
     return [(first, last) for first, last in (edges.reshape(-1, 2) + start).tolist()]
 
 
-def _rpm(smooth: NDArray[np.float64], start: int, stop: int) -> str:
+def _rpm(smooth: Array, start: int, stop: int) -> str:
     return f"{abs(float(smooth[start:stop].mean())) * 30 / pi:.4g}"

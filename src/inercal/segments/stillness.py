@@ -14,14 +14,13 @@ correlated over a whole block below 5 s₁.
 from collections.abc import Collection, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.io.table import blocks
 from inercal.recording import Finding, Mark, Recording
 from inercal.sensors import G0, Sensor
 
-Array = NDArray[np.float64]
 _BLOCKS = 10
 _USUAL = 20.0  # a step of so many scatters half-way adds ten times the variance of noise squared
 _OWN = 10.0

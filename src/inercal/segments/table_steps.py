@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-Array = NDArray[np.float64]
+from inercal.arrays import Array
+
 Indices = NDArray[np.int64]
 _WINDOW = 1.0  # s
 _LEAST = 1.0  # s, of a hold without its settling

@@ -22,12 +22,11 @@ scatter counts: a step in one rest is no noise of the others.
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from inercal.arrays import Array
 from inercal.sensors import Sensor, inverse
 
-Array = NDArray[np.float64]
 _WINDOWS = 11  # in a rest: of 3 s they pass what is below 4 Hz, where the tremor of a hand begins
 _CHANGED = 6.63  # χ² of one degree of freedom, 99 %
 # E (z² − 1) above that bound: what is taken from a halves' density by chance, over its mean.

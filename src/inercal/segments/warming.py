@@ -13,9 +13,9 @@ does to them the coefficients of temperature say. A section whose temperature ra
 from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from inercal.arrays import Array
+
 Sections = Callable[[], Iterable[Array]]
 _STEADY = 0.02  # K
 

@@ -9,15 +9,14 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.estimate import Test
 from inercal.estimate.correlation import WHITE, Correlation
 from inercal.estimate.sections import Judged, contrasts, judge
 from inercal.segments.tremor import along_gravity
 from inercal.sensors import G0, Noise, Sensor
 
-Array = NDArray[np.float64]
 _KINDS = {"f": "accelerometers", "w": "gyros"}
 _ALIKE = 3.0  # times in scatter: rests that differ by more are reported
 

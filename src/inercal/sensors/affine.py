@@ -15,13 +15,12 @@ equation 1.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.motion import Motion
 from inercal.sensors import G0, Sensor
 
-Array = NDArray[np.float64]
 NAMES = ("Sx", "Exy", "Exz", "Eyx", "Sy", "Eyz", "Ezx", "Ezy", "Sz", "Axp", "Ayp", "Azp")
 IDEAL: Array = np.concatenate([np.eye(3).ravel(), np.zeros(3)])
 _TERMS = ("k0", "k1", "delta_o", "delta_p")

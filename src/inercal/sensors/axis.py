@@ -5,13 +5,11 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.motion import Motion
 from inercal.sensors.noise import Noise
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -3,9 +3,7 @@
 from collections.abc import Sequence
 from difflib import get_close_matches
 
-import numpy as np
-from numpy.typing import NDArray
-
+from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.keys import CoefficientName
 from inercal.sensors.axis import Axis
@@ -63,7 +61,7 @@ def _nonorthogonality(axes: Sequence[Axis], k: int) -> list[str]:
     _, pendulous, output = axes[k].frame
     earlier = [a.frame[0] for a in axes[:k] if a.measures == axes[k].measures]
 
-    def is_earlier(direction: NDArray[np.float64]) -> bool:
+    def is_earlier(direction: Array) -> bool:
         return any(abs(abs(direction @ e) - 1) < 1e-9 for e in earlier)
 
     toward = {"delta_o": pendulous, "delta_p": output}

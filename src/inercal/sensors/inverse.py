@@ -5,13 +5,12 @@ least squares. An affine model needs one matrix; others iterate, in chunks of bo
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.errors import InputError, NotInvertible
 from inercal.motion import Motion
 from inercal.sensors.sensor import Sensor
 
-Array = NDArray[np.float64]
 _CHUNK = 1 << 16  # samples at a time: the slopes of a chunk fit the cache's outer levels
 _MAX_STEPS = 40
 _BLIND = "the coefficients make the sensor blind along some direction"

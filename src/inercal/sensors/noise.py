@@ -16,11 +16,9 @@ filters and papers take it for: S(f) = 2 B² τ/(1 + (2π f τ)²), a hump about
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.errors import InputError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -16,14 +16,13 @@ from collections.abc import Mapping, Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.frames import skew
 from inercal.motion import Motion
 from inercal.sensors.axis import Axis
 from inercal.sensors.tables import Coefficient
 
-Array = NDArray[np.float64]
 Form = Literal["reference", "tilted"]
 FELT = ("fi", "fp", "fo", "wi", "wp", "wo")
 _ARMS = ("arm_i", "arm_p", "arm_o")

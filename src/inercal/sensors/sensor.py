@@ -11,8 +11,8 @@ from functools import cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.keys import CoefficientName
 from inercal.motion import Motion
@@ -20,8 +20,6 @@ from inercal.sensors.axis import Axis
 from inercal.sensors.choose import choose
 from inercal.sensors.response import FELT, Form, Response, respond
 from inercal.sensors.tables import TABLES, Coefficient
-
-Array = NDArray[np.float64]
 
 
 class Linearisation(NamedTuple):

@@ -9,10 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
-import numpy as np
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
+from inercal.arrays import Array
 
 # specific force, rate and its derivative along I, P, O; signs of fi and wi; temperature difference
 COMPONENTS = ("fi", "fp", "fo", "wi", "wp", "wo", "ai", "ap", "ao", "si", "swi", "dT")

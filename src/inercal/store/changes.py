@@ -36,8 +36,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 from scipy.special import gammaincc, gammainccinv
 
+from inercal.arrays import Array
 from inercal.calibration.verdict import COVERAGE
-from inercal.recording import Array
 
 Verdict = Literal["steady", "drifts", "changed", "too few"]
 BY_CHANCE = erfc(COVERAGE / sqrt(2))

@@ -5,9 +5,9 @@ from functools import cached_property
 
 import numpy as np
 
+from inercal.arrays import Array
 from inercal.calibration import Calibration
 from inercal.errors import InputError
-from inercal.recording import Array
 from inercal.store import changes
 from inercal.store.comparable import brought, held, recording_of
 

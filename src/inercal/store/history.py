@@ -8,9 +8,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from inercal.arrays import Array
 from inercal.calibration import Calibration
 from inercal.errors import InputError
-from inercal.recording import Array
 from inercal.sensors.choose import choose
 from inercal.store import changes
 from inercal.store.comparable import brought, held, recording_of

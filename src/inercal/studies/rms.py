@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inercal.studies.section import Array
+from inercal.arrays import Array
 
 
 class Rms(NamedTuple):

@@ -4,12 +4,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from numpy import float64
-from numpy.typing import NDArray
-
+from inercal.arrays import Array
 from inercal.studies.claim import Finding
 
-Array = NDArray[float64]
 Say = Callable[[str], object]
 
 

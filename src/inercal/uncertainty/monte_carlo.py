@@ -8,9 +8,9 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from inercal.arrays import Array
+
 BATCH = 500
 
 

@@ -16,11 +16,9 @@ channels has its χ² enlarged by about ν / (ν − m − 1), so ν should be m
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.errors import InputError
-
-Array = NDArray[np.float64]
 
 BATCHES = 20
 

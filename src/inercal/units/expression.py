@@ -16,9 +16,7 @@ from difflib import get_close_matches
 from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from inercal.arrays import Array
 from inercal.errors import InputError
 
 # Definitions in pint's notation (name = size = symbol or _ = other names), and allowed prefixes.
@@ -129,7 +127,7 @@ def factor(unit: str, like: str | None = None) -> float:
     return read.size
 
 
-def to_si(values: NDArray[np.float64], unit: str, like: str) -> NDArray[np.float64]:
+def to_si(values: Array, unit: str, like: str) -> Array:
     """Return `values`, any shape, in SI from `unit`; "°C" becomes K with its offset.
 
     Raises

@@ -29,8 +29,8 @@ from math import cos, sin
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.contract import MeanMotion
 from inercal.benches.forces import directions
 from inercal.earth import EARTH_RATE
@@ -40,8 +40,6 @@ from inercal.plan import Attitude, Spin
 
 if TYPE_CHECKING:
     from inercal.benches.centrifuge.bench import Centrifuge
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

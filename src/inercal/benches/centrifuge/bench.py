@@ -9,8 +9,8 @@ from math import cos, sqrt
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.centrifuge.arm import felt_vector, positions
 from inercal.benches.contract import MeanMotion
 from inercal.benches.declare import constant, declared_parameters, deviation, small_angle
@@ -19,8 +19,6 @@ from inercal.parameters import Parameter, local_gravity
 from inercal.plan import Spin
 from inercal.sensors import Sensor
 from inercal.units import Measured
-
-Array = NDArray[np.float64]
 
 Platform = Literal["locked", "counter-rotating"]
 

@@ -11,6 +11,7 @@ from math import atan2, cos, sin
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.centrifuge.arm import felt_vector, positions
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.benches.contract import SimulatedMotion, one_after_another
@@ -19,7 +20,6 @@ from inercal.frames import exp_so3
 from inercal.motion import Motion
 from inercal.plan import Spin
 
-Array = NDArray[np.float64]
 SPIN_UP = 3.0  # rad/s²
 _SETTLING = 2.0  # s at the rate before a dwell is counted
 _REST = 1.0  # s at rest before and after

@@ -30,8 +30,8 @@ from math import hypot, isfinite, pi, sqrt
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.contract import MeanMotion
 from inercal.benches.declare import declarations, declared_parameters, deviation, small_angle
 from inercal.benches.dividing_head.head_angles import acting, angles
@@ -44,7 +44,6 @@ from inercal.sensors import Axis, Noise, Readout, Sensor
 from inercal.settings import Limit
 from inercal.units import Measured
 
-Array = NDArray[np.float64]
 Collimated = Literal["pairs", "every", "none"]
 _NOMINAL, _SILENT = Readout(), Noise()
 _ROUNDED = 1e-15  # of a sine that is zero

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from math import pi
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.benches.dividing_head.bench import DividingHead, felt
 from inercal.benches.dividing_head.covariance import by_bench
@@ -17,7 +16,6 @@ from inercal.plan import Index
 from inercal.recording import Finding, Observations
 from inercal.sensors import G0, Sensor
 
-Array = NDArray[np.float64]
 _PHASE = 10.0  # °; no fixture is further off
 _SWING = (0.5, 2.0)  # times g
 _FEWEST = 3  # positions that tell a phase

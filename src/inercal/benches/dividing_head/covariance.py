@@ -3,14 +3,12 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.dividing_head.bench import DividingHead, felt
 from inercal.motion import Motion
 from inercal.plan import Index
 from inercal.sensors import Sensor
-
-Array = NDArray[np.float64]
 
 
 def by_bench(

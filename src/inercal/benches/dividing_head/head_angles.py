@@ -5,8 +5,8 @@ from math import cos, degrees, pi, sin
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.dividing_head.passes import (
     CARDINAL,
     even,
@@ -21,8 +21,6 @@ from inercal.plan import Index
 
 if TYPE_CHECKING:
     from inercal.benches.dividing_head.bench import DividingHead
-
-Array = NDArray[np.float64]
 
 
 class Angles(NamedTuple):

@@ -4,11 +4,10 @@ from collections.abc import Iterable, Sequence
 from math import pi
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.plan import Index
 
-Array = NDArray[np.float64]
 SAME = 1e-4  # rad; closer angles are one position, whose angle was read or typed anew
 CARDINAL = (0.0, pi / 2, pi, 1.5 * pi)
 

@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.dividing_head.bench import DividingHead
 from inercal.benches.dividing_head.checks import require_phases, require_small, tell_apart
 from inercal.benches.dividing_head.passes import CARDINAL, SAME, lacking, near, pass_names, places
@@ -32,8 +33,6 @@ from inercal.recording import Finding, Mark, Recording
 from inercal.segments import check_marks, find_rests
 from inercal.segments import observe as averaged
 from inercal.units import readable
-
-Array = NDArray[np.float64]
 
 
 def observe(run: Source[DividingHeadData]) -> Gathered:

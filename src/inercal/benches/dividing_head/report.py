@@ -3,15 +3,14 @@
 from math import degrees, pi
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.dividing_head.head_angles import angles
 from inercal.benches.dividing_head.passes import pass_names, passes
 from inercal.benches.report import Direction, Panel, Plot, Series, Shown
 from inercal.plan import Index, Step
 from inercal.sensors import G0
 
-Array = NDArray[np.float64]
 _ARCSEC = pi / 648_000
 _APART = 3.0  # ° between passes as they are drawn
 

@@ -4,15 +4,14 @@ from collections.abc import Sequence
 from math import pi
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.contract import Simulated, SimulatedMotion
 from inercal.benches.dividing_head.bench import DividingHead, drifted, felt
 from inercal.motion import Motion
 from inercal.plan import Index
 from inercal.sensors import Sensor
 
-Array = NDArray[np.float64]
 MOVE_SECONDS = 2.0
 
 

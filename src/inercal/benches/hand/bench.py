@@ -18,8 +18,9 @@ from dataclasses import dataclass
 from math import pi, sqrt
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from inercal.arrays import Array
 from inercal.benches.contract import MeanMotion, stacked
 from inercal.benches.declare import declared_parameters, deviation
 from inercal.earth import EARTH_RATE, earth_rate_up_north
@@ -29,7 +30,6 @@ from inercal.plan import HandStep, Hold, Turn
 from inercal.sensors import Sensor
 from inercal.units import Measured
 
-Array = NDArray[np.float64]
 DEGREE = pi / 180
 
 

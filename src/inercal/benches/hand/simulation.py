@@ -7,14 +7,13 @@ samples of a hold or a turn carry its label, those of a move none.
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.contract import SimulatedMotion, one_after_another
 from inercal.benches.hand.bench import Hand, across, felt, tilted
 from inercal.motion import Motion
 from inercal.plan import HandStep, Hold, Turn
 
-Array = NDArray[np.float64]
 MOVE_SECONDS = 2.0
 PAUSE_SECONDS = 1.5  # at rest before and after a turn, unlabelled
 _SETTLE = 0.25  # s at rest at either end of a turn's section

@@ -30,6 +30,7 @@ from math import isfinite, pi
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.contract import MeanMotion
 from inercal.benches.declare import declarations, declared_parameters, deviation, small_angle
 from inercal.benches.forces import directions
@@ -41,7 +42,6 @@ from inercal.plan import Spin
 from inercal.sensors import Sensor
 from inercal.units import Measured
 
-Array = NDArray[np.float64]
 _AXES = "xyz"
 _ALIKE = 5e-3  # relative difference of rates of one set speed
 _LEAN = {1: "toward the centre", 2: "along"}

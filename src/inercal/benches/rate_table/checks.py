@@ -5,8 +5,8 @@ from dataclasses import replace
 from itertools import permutations, product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.rate_table.bench import RateTable, felt
 from inercal.benches.rate_table.settings import RateTableData
 from inercal.data import Source
@@ -19,7 +19,6 @@ from inercal.sensors import G0
 from inercal.sensors.affine import Affine
 from inercal.units import factor
 
-Array = NDArray[np.float64]
 _OFF = 0.2  # of a norm, once a rough model of the triad is taken out of the readings
 _USABLE = (0.5, 2.0)  # times nominal: scale factors of a triad that a run file states rightly
 _DETERMINED = 0.05  # of the largest singular value: below, rows do not determine a triad

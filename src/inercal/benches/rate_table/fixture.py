@@ -27,8 +27,8 @@ from math import degrees, pi, radians
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.plan import AXES, Attitude, Spin
 
@@ -170,6 +170,6 @@ def _cos_sin(angle: float) -> tuple[float, float]:
     return (0.0 if abs(c) < 1e-15 else c), (0.0 if abs(s) < 1e-15 else s)
 
 
-def _vector(v: NDArray[np.float64]) -> tuple[float, float, float]:
+def _vector(v: Array) -> tuple[float, float, float]:
     x, y, z = (v + 0.0).tolist()
     return x, y, z

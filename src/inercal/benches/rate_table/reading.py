@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.benches.rate_table.bench import RateTable, mountings, speeds
 from inercal.benches.rate_table.checks import require_axes, require_rates, require_unit
@@ -34,7 +33,6 @@ from inercal.segments import observe as averaged
 from inercal.segments.dwells import ARM_RATE
 from inercal.units import readable
 
-Array = NDArray[np.float64]
 _ANGLE = r"(-?\d+(?:\.\d+)?)\s*°?"
 _NAME = re.compile(rf"({'|'.join(PLANES)})(?:[ _]*{_ANGLE}(?:\s*\+\s*{_ANGLE})?)?")
 _MOST_TILT = 360.0  # °

@@ -3,14 +3,13 @@
 from math import pi
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.rate_table.bench import felt
 from inercal.benches.report import Panel, Plot, Series, Shown
 from inercal.plan import Spin
 from inercal.sensors import G0
 
-Array = NDArray[np.float64]
 _MG = 1e-3 * G0
 
 

@@ -17,8 +17,8 @@ from collections.abc import Mapping, Sequence
 from math import pi
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.contract import SimulatedMotion, one_after_another
 from inercal.benches.forces import directions
 from inercal.benches.rate_table.bench import RateTable, mountings, speeds
@@ -27,7 +27,6 @@ from inercal.frames import exp_so3
 from inercal.motion import Motion
 from inercal.plan import Spin
 
-Array = NDArray[np.float64]
 SPIN_UP = 2.0  # rad/s², at most
 _SETTLING = 2.0  # s at a speed, or at rest, beside the dwell that is counted
 _IDLE = 1.0  # s at rest before and after: too short for a state

@@ -24,15 +24,14 @@ from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from inercal.arrays import Array
 from inercal.benches.turntable.bench import Turntable
 from inercal.earth import earth_rate_up_north
 from inercal.errors import InputError
 from inercal.motion import Motion
 from inercal.parameters import Parameter
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

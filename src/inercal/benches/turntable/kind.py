@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.contract import Simulated
 from inercal.benches.kind import Kind, Vocabulary, when_called
 from inercal.benches.turntable.bench import Turntable
@@ -33,7 +33,7 @@ def _simulate(
 
 def _flickering(
     sensor: Sensor, shape: tuple[int, ...], rate_hz: float, rng: np.random.Generator
-) -> tuple[Sensor, NDArray[np.float64]]:
+) -> tuple[Sensor, Array]:
     """Return a sensor without flicker, and the flicker of its biases about the mean, SI.
 
     The methods on a turntable find the mean over the run (`methods.turntable.drift`): it is in the

@@ -18,11 +18,9 @@ from dataclasses import dataclass
 from math import isfinite, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.errors import InputError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

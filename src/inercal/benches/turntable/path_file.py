@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.paths import PATHS
 from inercal.errors import InputError
@@ -28,7 +28,6 @@ from inercal.io.table import Table
 from inercal.plan import Position, Rotation, Step, TableStep
 from inercal.units import factor
 
-Array = NDArray[np.float64]
 _WORDS = ("label", "kind", "axis")
 _LIKE = {"seconds": "s", "angle": "°", "rate": "°/s"}
 _LONGEST = 86_400.0  # s

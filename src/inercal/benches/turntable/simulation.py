@@ -12,6 +12,7 @@ from math import ceil, degrees, pi
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.contract import SimulatedMotion
 from inercal.benches.turntable.attitude import motion, readback
 from inercal.benches.turntable.bench import Turntable
@@ -21,7 +22,6 @@ from inercal.io.table import blocks
 from inercal.motion import Motion
 from inercal.plan import Position, Rotation, TableStep
 
-Array = NDArray[np.float64]
 _THERE = 1e-12  # rad: an axis that near need not move
 _ROUNDED = 1e-6  # of a sample, of a rate
 _BLOCK = 1 << 13  # samples at a time: their matrices stay in the cache

@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.turntable import turntable_of
 from inercal.benches.turntable.epochs import settling
 from inercal.data.load import readback_units
@@ -33,7 +34,6 @@ from inercal.host.packets import Counts, Layout
 from inercal.recording import Track
 from inercal.runfile import Run
 
-Array = NDArray[np.float64]
 _APART = 0.5  # s without a sample that end a hold
 
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.host.assembly.clocks import FIRST, turns
 from inercal.host.log import Frame
@@ -16,7 +17,6 @@ from inercal.host.packets import Counts, Decoder, Flag, Layout, Packets
 from inercal.host.packets.picture import AXES
 from inercal.sensors import Sensor
 
-Array = NDArray[np.float64]
 _SILENT, _LONGEST = 0.25, 1.0  # of a turn of the counter, s: beyond that arrival tells turns
 _ROUNDED = 1e-6
 _NONE, _STATUS, _BEYOND = 1, 2, 3

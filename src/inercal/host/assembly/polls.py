@@ -15,12 +15,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.host.assembly.clocks import FIRST, turns
 from inercal.host.log import Frame
 from inercal.host.states import polls
 
-Array = NDArray[np.float64]
 # A gap: polls, and s through which a cubic still knows an angle to 2e-5 rad at 15 °/s² (rms).
 _FAR, _LONG = 2.5, 0.1
 SELDOM = 4  # so many times seldomer a table is polled that holds its place

@@ -13,10 +13,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.turntable.epochs import COARSE
 from inercal.errors import InputError
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 _LASTED = 1 + 1e-3
 

@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.host.packets import binary, text
 from inercal.host.packets.binary import Found
@@ -19,7 +20,6 @@ from inercal.host.packets.layout import Layout
 from inercal.host.packets.picture import AXES, Frame, Line
 from inercal.host.packets.sequence import Flag, Sequence, marked
 
-Array = NDArray[np.float64]
 Number = TypeVar("Number", np.int64, np.float64)
 _BLOCK = 1 << 20  # bytes at a time: what is made of them stays in the processor's cache
 

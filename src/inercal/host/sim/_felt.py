@@ -18,7 +18,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from inercal.arrays import Array
+
 Integers = NDArray[np.int64]
 
 KEPT = 8192  # servo cycles of the motion, a power of 2

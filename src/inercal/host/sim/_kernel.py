@@ -28,6 +28,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
+
 HOLD, GO, RUN, SEARCH = 0, 1, 2, 3
 MOST_SMOOTH = 1024
 PAST = 4096  # cycles of the encoder that are kept, a power of 2
@@ -79,7 +81,7 @@ def _profile(x: Any, period: float) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _smooth(x: Any, past: NDArray[np.float64], cycle: int, period: float) -> None:
+def _smooth(x: Any, past: Array, cycle: int, period: float) -> None:
     """Make the S-curve of the trapezoid; `past` holds its last rates."""
     place = cycle % x.smooth
     x.sum += x.raw_rate - past[place]
@@ -141,12 +143,12 @@ def _guard(x: Any, before: float) -> None:
 @njit(cache=True, nogil=True)
 def advance(
     axes: NDArray[Any],
-    past: NDArray[np.float64],
-    shown: NDArray[np.float64],
+    past: Array,
+    shown: Array,
     cycle: int,
     count: int,
     period: float,
-    out: NDArray[np.float64],
+    out: Array,
 ) -> None:
     """Advance all axes by `count` cycles from cycle `cycle`.
 
@@ -167,9 +169,7 @@ def advance(
 
 
 @njit(cache=True, nogil=True)
-def report(
-    axes: NDArray[Any], shown: NDArray[np.float64], cycle: int, out: NDArray[np.float64]
-) -> None:
+def report(axes: NDArray[Any], shown: Array, cycle: int, out: Array) -> None:
     """Say what a controller reports after `cycle` cycles.
 
     `out`, (axes, 5), gets what is read of the encoder and its rate, the following error, where the

@@ -10,10 +10,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.host.packets import Layout, encode
 from inercal.host.packets.picture import AXES, ROLES, Frame
-
-Array = NDArray[np.float64]
 
 _TEMPERATURE = 293.15  # K, in which the IMU stands
 _TEMPERATURE_AT, _COUNTER_AT, _TIME_AT, _STATUS_AT = range(len(AXES), len(ROLES))

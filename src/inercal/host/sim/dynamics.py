@@ -11,11 +11,10 @@ from math import floor, inf, pi
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.host.sim import _kernel as kernel
 
-Array = NDArray[np.float64]
 FAULTS = ("amplifier", "frozen", "jammed")
 
 

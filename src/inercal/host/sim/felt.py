@@ -6,6 +6,7 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.turntable.attitude import attitude
 from inercal.earth import earth_rate_up_north
 from inercal.errors import InputError
@@ -17,7 +18,6 @@ from inercal.runfile import Run
 from inercal.sensors import Sensor
 from inercal.sensors.terms import COMPONENTS
 
-Array = NDArray[np.float64]
 _SAME = 1e-9  # s: times that were computed otherwise
 
 

@@ -26,8 +26,8 @@ from tempfile import TemporaryDirectory
 from threading import Lock, Thread
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.turntable.simulation import seconds_on_turntable
 from inercal.errors import InputError
 from inercal.host.packets import Layout, read_layout
@@ -40,7 +40,6 @@ from inercal.host.sim.port import Port, Socket, Terminal
 from inercal.host.sim.process import answer
 from inercal.runfile import Run, read
 
-Array = NDArray[np.float64]
 POSSIBLE = "fault loss P, fault errors P, fault silent on|off, fault unplug, fault replug, die"
 _SPARE = 300.0  # s of noise beyond one and a half plans
 

@@ -12,9 +12,8 @@ from time import monotonic, sleep
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from inercal.arrays import Array
 
 NAME = "motion"  # of the socket, in the bench's folder
 _RETRY = 0.05  # s

@@ -8,8 +8,8 @@ from math import degrees, isfinite
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.turntable.attitude import reference
 from inercal.benches.turntable.bench import Turntable
 from inercal.host.drivers.table import AxisState
@@ -19,7 +19,6 @@ from inercal.keys import CoefficientName
 from inercal.runfile import Run
 from inercal.units import ZERO_CELSIUS
 
-Array = NDArray[np.float64]
 _DIGITS = 7
 
 

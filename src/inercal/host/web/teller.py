@@ -10,8 +10,8 @@ from math import ceil, nan
 from time import monotonic
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.turntable.bench import Turntable
 from inercal.host.assembly import Block
 from inercal.host.journal import Journal
@@ -21,7 +21,6 @@ from inercal.host.web import pictures
 from inercal.host.web.publish import Publisher
 from inercal.runfile import Run
 
-Array = NDArray[np.float64]
 EVERY = 0.1  # s of the wall's between two looks at the run
 _ESTIMATES = 0.5  # s of the wall's
 _SHOWN, _ALLOWED = 250.0, 300.0  # samples a second of the wall's; as many before means are taken

@@ -19,8 +19,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.centrifuge.arm import felt_norm
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.calibration.forms import Frame
@@ -40,7 +40,6 @@ from inercal.recording import Observations
 from inercal.sensors import Sensor
 from inercal.uncertainty import propagate
 
-Array = NDArray[np.float64]
 SIGNS = (
     "norms do not tell a reversed axis, whose k0 and k2 only change sign, nor two axes exchanged: "
     "compare the sign of each axis with its attitude in one dwell"

@@ -20,13 +20,12 @@ D, which is that of −C₃; (22) upside down. `series` is ours.
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.errors import InputError, NotObserved
 from inercal.keys import CoefficientName
 from inercal.sensors import G0, Sensor
 
-Array = NDArray[np.float64]
 Invert = Callable[[Array, Array, Array, Array], tuple[Array, Array, Array]]
 TERMS = ("k0", "k1", "k2")
 

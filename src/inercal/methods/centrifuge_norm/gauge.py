@@ -8,14 +8,13 @@ by ρ·P_i. Their sums over the axes are zero where the matrix of the misalignme
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gauge, Gaussian
 from inercal.keys import CoefficientName
 from inercal.sensors import Sensor
 
-Array = NDArray[np.float64]
 _ROTATION = "rotation of the triad"
 
 

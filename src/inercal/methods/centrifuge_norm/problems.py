@@ -16,6 +16,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches import MeanMotion
 from inercal.benches.centrifuge.arm import FeltNorm, felt_norm, felt_vector
 from inercal.benches.centrifuge.bench import Centrifuge
@@ -29,7 +30,6 @@ from inercal.recording import Observations
 from inercal.sensors import SI_UNITS, Sensor
 from inercal.sensors.tables import TABLES
 
-Array = NDArray[np.float64]
 _Result = TypeVar("_Result")
 
 

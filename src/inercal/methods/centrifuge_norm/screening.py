@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from inercal.arrays import Array
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.errors import InputError
 from inercal.estimate import Cauchy, Estimate, Gaussian, Problem, least_squares
@@ -35,7 +36,6 @@ from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import Sensor
 
-Array = NDArray[np.float64]
 _END = 1.5  # threshold of the loss at the end, in deviations
 _STEPS, _STEPS_BETWEEN = 30, 5  # at the last threshold and at those on the way
 _REPAIRED = 4.0  # deviations, and no more than half of those without the repair

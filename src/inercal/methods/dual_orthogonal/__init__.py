@@ -20,7 +20,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.benches.dividing_head.bench import DividingHead
 from inercal.benches.dividing_head.covariance import by_bench, readings_by_bench
@@ -37,8 +36,6 @@ from inercal.methods.observed import require_observed
 from inercal.plan import Index
 from inercal.recording import Observations
 from inercal.sensors import Sensor
-
-Array = NDArray[np.float64]
 
 
 def joint(

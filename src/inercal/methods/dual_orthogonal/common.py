@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.benches.dividing_head.bench import DividingHead
 from inercal.benches.dividing_head.head_angles import angles
@@ -17,8 +16,6 @@ from inercal.methods.dual_orthogonal import square
 from inercal.plan import Index
 from inercal.recording import Observations
 from inercal.sensors import Sensor
-
-Array = NDArray[np.float64]
 
 
 def with_common_angle(

@@ -22,13 +22,12 @@ from math import pi
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.dividing_head.passes import CARDINAL, near
 from inercal.errors import NotObserved
 from inercal.plan import Index
 
-Array = NDArray[np.float64]
 _LEVEL, _UP = ((0, 2), (3, 1)), ((1, 3), (0, 2))  # of A and B, as indices of CARDINAL
 
 

@@ -13,8 +13,8 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.dividing_head.bench import DividingHead, felt
 from inercal.benches.dividing_head.covariance import by_bench, readings_by_bench
 from inercal.errors import InputError, NotObserved
@@ -27,7 +27,6 @@ from inercal.recording import Observations
 from inercal.sensors import Sensor
 from inercal.uncertainty.propagation import jacobian
 
-Array = NDArray[np.float64]
 _HELD = ("k0", "k1")
 
 

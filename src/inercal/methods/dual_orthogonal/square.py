@@ -22,8 +22,8 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.dividing_head.bench import DividingHead, drift_names, felt
 from inercal.benches.dividing_head.passes import places, ramps
 from inercal.errors import InputError, NotObserved
@@ -37,7 +37,6 @@ from inercal.plan import Index
 from inercal.recording import Observations
 from inercal.sensors import Sensor
 
-Array = NDArray[np.float64]
 TERMS = (
     "a.k0",
     "b.k0",

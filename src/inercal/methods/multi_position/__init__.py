@@ -22,7 +22,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.benches import Hand
 from inercal.calibration.forms import Frame
@@ -48,7 +47,6 @@ from inercal.plan import HandStep
 from inercal.recording import Observations
 from inercal.sensors import Sensor
 
-Array = NDArray[np.float64]
 _ALIKE = (
     "norms at rest do not tell a reversed axis from one that is not, nor two exchanged axes: "
     "compare the sign of each axis with its attitude in one rest"

@@ -3,9 +3,9 @@
 # pyright: reportMissingTypeStubs=false
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import fdtrc
 
+from inercal.arrays import Array
 from inercal.calibration.verdict import COVERAGE
 from inercal.estimate import Estimate
 from inercal.methods.multi_position.coverage import Errors, next_attitudes
@@ -13,7 +13,6 @@ from inercal.methods.multi_position.missing import attitudes_in_words
 from inercal.methods.multi_position.rests import Rests
 from inercal.units import digits
 
-Array = NDArray[np.float64]
 _BETTER = 1.5  # times: less gain is not worth the hand's trouble
 _EXTRA = 3  # attitudes advised where a result is weak
 _CHANCE = 1e-3  # that rates without a sensitivity look like it

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky_banded, solve_banded
 
+from inercal.arrays import Array
 from inercal.methods.multi_position.rests import Rests, Rows, Scatter
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Whiten = Callable[[Array], Array]
 _STEP = 6  # rows from rest to rest

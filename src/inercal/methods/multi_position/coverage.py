@@ -15,8 +15,8 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.hand.bench import across
 from inercal.errors import InputError
 from inercal.frames import exp_so3, skew
@@ -26,7 +26,6 @@ from inercal.observe import norm
 from inercal.plan import Hold
 from inercal.sensors import G0, Sensor, imu
 
-Array = NDArray[np.float64]
 WORST_FORCE = 1e-3 * G0  # m/s², of a norm
 WORST_TURN = 1e-2  # rad of a rotation, and rad/s of a rate
 MOVE_SECONDS = 2.0

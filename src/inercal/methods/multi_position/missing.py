@@ -7,8 +7,8 @@ would shift it by a tenth of its natural size (10 % of scale, 0.1 g of bias, 0.1
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.errors import NotObserved
 from inercal.estimate import Gaussian
 from inercal.methods.multi_position.coverage import Errors, next_attitudes
@@ -17,7 +17,6 @@ from inercal.methods.observed import OBSERVED, in_natural_words
 from inercal.plan import Hold
 from inercal.sensors import G0
 
-Array = NDArray[np.float64]
 _NEAR = np.cos(np.pi / 4)  # a rest within 45° of an axis counts for it
 _ENOUGH = 0.01  # of the natural size: what to add is named until the geometry gives this
 

@@ -24,8 +24,8 @@ from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches import Hand
 from inercal.benches.hand.bench import across
 from inercal.estimate.spread import Spread
@@ -37,8 +37,6 @@ from inercal.observe import Norm, norm
 from inercal.recording import Observations, Passages
 from inercal.sensors import Sensor
 from inercal.units import Measured
-
-Array = NDArray[np.float64]
 
 
 class Scatter(NamedTuple):

@@ -22,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.errors import NotInvertible
 from inercal.frames import exp_so3, skew
 from inercal.methods import temperature
@@ -30,7 +31,6 @@ from inercal.motion import Motion
 from inercal.recording import Passages
 from inercal.sensors import Sensor
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 _PIECE = 100_000  # samples
 _TIMES = 2  # each leaves a few thousandths of what the one before left

@@ -10,11 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.estimate.spread import Spread, chi_squared, spread
 from inercal.methods.multi_position.chain import NORM, noise, whitener
 from inercal.methods.multi_position.rests import Rests, Rows, Scatter
 
-Array = NDArray[np.float64]
 Places = NDArray[np.int64]
 
 

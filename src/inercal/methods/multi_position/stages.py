@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.estimate import (
     Candidate,
     Estimate,
@@ -35,7 +36,6 @@ from inercal.methods.multi_position.suspects import candidates
 from inercal.methods.multi_position.within import alone, changes, steps
 from inercal.sensors import G0
 
-Array = NDArray[np.float64]
 Places = NDArray[np.int64]
 _FEW = 6  # steps
 _MANY = 100  # rests, beyond which no axis is scored apart: memory grows with their square

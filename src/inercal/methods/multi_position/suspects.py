@@ -16,8 +16,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.estimate import Candidate
 from inercal.keys import CoefficientName
 from inercal.methods.candidates import family
@@ -27,7 +27,6 @@ from inercal.methods.multi_position.rotations import affine, carried, rotations
 from inercal.motion import Motion
 from inercal.sensors import SI_UNITS, Sensor
 
-Array = NDArray[np.float64]
 Basis = Callable[[Motion], Array]
 
 _WORDS = {"f": ("nonlinearity", "asymmetry", "cross"), "w": ("nonlinearity", "asymmetry", "g")}

@@ -7,7 +7,6 @@ their scatter is its uncertainty.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.errors import NotObserved
 from inercal.estimate import Estimate
@@ -19,7 +18,6 @@ from inercal.recording import Observations
 from inercal.sensors import Sensor
 from inercal.units import Measured
 
-Array = NDArray[np.float64]
 _FEWEST = 5  # passages: of fewer, the scatter says too little
 
 

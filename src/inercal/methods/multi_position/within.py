@@ -16,8 +16,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.hand.bench import across
 from inercal.estimate import Candidate
 from inercal.estimate.spread import by_others
@@ -26,8 +26,6 @@ from inercal.methods.multi_position.chain import entering, placed
 from inercal.methods.multi_position.rests import Rests, Rows, Scatter
 from inercal.methods.multi_position.rotations import affine, affine_each
 from inercal.motion import Motion
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

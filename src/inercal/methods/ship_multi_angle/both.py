@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.rate_table.bench import RateTable, felt
 from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian, Problem, least_squares
@@ -21,8 +22,6 @@ from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import G0, Sensor
 from inercal.sensors.affine import IDEAL, NAMES, Affine
-
-Array = NDArray[np.float64]
 
 
 def planar_norm(

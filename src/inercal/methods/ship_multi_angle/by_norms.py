@@ -10,8 +10,8 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.rate_table.bench import RateTable
 from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian, NullDirection
@@ -27,7 +27,6 @@ from inercal.recording import Observations
 from inercal.sensors import Sensor
 from inercal.sensors.affine import IDEAL, NAMES, Affine
 
-Array = NDArray[np.float64]
 SEARCH = Options()
 _BIASES = 9  # of θ, before the biases
 _AT = 1e-6  # of a bound: rounding

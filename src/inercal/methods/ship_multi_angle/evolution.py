@@ -17,13 +17,12 @@ from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import differential_evolution
 
+from inercal.arrays import Array
 from inercal.methods.ship_multi_angle.norms import damped, residual
 from inercal.sensors.affine import IDEAL, Affine
 
-Array = NDArray[np.float64]
 GOAL = 0.05
 _MEMBERS = 15  # times twelve
 

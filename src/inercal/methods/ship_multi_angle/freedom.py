@@ -17,15 +17,13 @@ untilted states, from stated priors, or from the bounds of a search. None of it 
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.estimate import NullDirection
 from inercal.methods.observed import OBSERVED, in_natural_words
 from inercal.methods.ship_multi_angle.norms import NOTHING, rotations, rows
 from inercal.sensors import Sensor
 from inercal.sensors.affine import NAMES, Affine, to_coefficients
-
-Array = NDArray[np.float64]
 
 
 class Seen(NamedTuple):

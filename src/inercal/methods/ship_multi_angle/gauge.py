@@ -15,13 +15,12 @@ the rotation, a start or chance, has no part in the result, nor in its uncertain
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal import frames
+from inercal.arrays import Array
 from inercal.methods.ship_multi_angle.norms import rotations
 from inercal.sensors.affine import Affine
 
-Array = NDArray[np.float64]
 _PAIRS = ((1, 2), (2, 0), (0, 1))
 
 

@@ -19,10 +19,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.frames import skew
 from inercal.sensors.affine import Affine
 
-Array = NDArray[np.float64]
 NOTHING = 1e-9  # of the largest singular value: below, no equation sees a direction
 _FIRST, _MOST = 1e-3, 1e12  # μ of the largest eigenvalue: at the start, and where to give up
 _SETTLED = 1e-10  # g, or of one: the next step of what is nearly linear is nothing

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.rate_table.bench import RateTable, felt
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gaussian
@@ -15,8 +16,6 @@ from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import G0, Sensor
 from inercal.sensors.affine import IDEAL, Affine, to_affine
-
-Array = NDArray[np.float64]
 
 
 class Start(NamedTuple):

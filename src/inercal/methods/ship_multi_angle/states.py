@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.rate_table.bench import RateTable, felt
 from inercal.benches.rate_table.fixture import tilted
 from inercal.errors import NotObserved
@@ -14,7 +15,6 @@ from inercal.recording import Observations
 from inercal.sensors import G0, Sensor
 from inercal.sensors.affine import require_twelve
 
-Array = NDArray[np.float64]
 FEWEST = 12  # groups
 
 

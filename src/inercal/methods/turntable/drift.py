@@ -35,12 +35,11 @@ from math import ceil, inf, log, log10, pi
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.sensors import Noise
 
-Array = NDArray[np.float64]
 SPAN = 1e4  # s, of the flicker's states at least
 _FIRST, _LAST = 0.8, 0.42  # the shortest time, s; the longest, of the span
 _WITHIN, _ENDS = 0.98, 1.17  # of B² ln r/π: all, and both ends beyond that; least deviation

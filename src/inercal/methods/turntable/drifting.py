@@ -4,11 +4,9 @@
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.methods.turntable.drift import Drift
-
-Array = NDArray[np.float64]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -19,8 +19,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.turntable.attitude import earth as earth_rate
 from inercal.benches.turntable.attitude import misalignment, reference
 from inercal.benches.turntable.bench import Turntable
@@ -34,7 +34,6 @@ from inercal.motion import Motion
 from inercal.sensors import G0, Sensor
 from inercal.sensors.tables import SI_UNITS, TABLES
 
-Array = NDArray[np.float64]
 # Cosines over the run that a slow change of a bias is described by: few, as the level is shared
 # among candidates, and one of many columns takes much of it.
 MODES = 4

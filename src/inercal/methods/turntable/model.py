@@ -11,6 +11,7 @@ from math import radians
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.turntable.attitude import Misalignment, earth, reference
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.epochs import COARSE, LEAST_REST
@@ -27,7 +28,6 @@ from inercal.recording import Track
 from inercal.sensors import G0, Sensor
 from inercal.sensors.tables import LARGEST
 
-Array = NDArray[np.float64]
 ARCSEC = radians(1 / 3600)
 PERIOD = 0.1  # s between epochs
 # rad. What rates taken as linear between samples miss, beside kinks, which are in Q; and a readback

@@ -10,9 +10,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.methods.turntable.terms import BASIS, FORCE, SQUARE, WARM
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 # Where an acceleration begins or ends between two samples, a rate taken as linear makes an angle of
 # a Δt² s (1 − s)/2 at the share s of the step: 0.09 a Δt² rms over s. Second differences of five

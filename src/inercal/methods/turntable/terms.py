@@ -14,11 +14,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.motion import Motion
 from inercal.sensors import G0, Sensor
 
-Array = NDArray[np.float64]
 BASIS = 13
 BIAS, FORCE, RATE, SQUARE = 0, 1, 4, 7  # where 1, f, ω and products of f begin in φ
 WARM = BASIS  # where ΔT times all of these begins, and after them ΔT² stands

@@ -15,7 +15,6 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.paths import named
@@ -33,7 +32,6 @@ from inercal.plan import Position, Rotation, TableStep
 from inercal.recording import Observations, Track
 from inercal.sensors import Sensor
 
-Array = NDArray[np.float64]
 _FEWEST = 3  # samples of a row
 
 

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from math import copysign, pi
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches import MeanMotion
 from inercal.benches.turntable.attitude import misalignment, reference
 from inercal.benches.turntable.bench import Turntable
@@ -25,7 +25,6 @@ from inercal.motion import Motion
 from inercal.parameters import Parameter
 from inercal.plan import Position, TableStep
 
-Array = NDArray[np.float64]
 _TURN = 361  # points of one turn that is taken from the plan
 
 
@@ -177,7 +176,7 @@ def felt(
     """
     known = declared(bench)
     f, w = motion.f, motion.w
-    for name in {*df, *dw} & set(q):
+    for name in (one for one in {**df, **dw} if one in q):
         # The readback is taken as it came: a known delay is off it as much as an unknown one.
         off = q[name] - (0.0 if name == "latency" else known[name].value)
         if np.any(off):

@@ -18,6 +18,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.estimate.kalman import Steps, keep_rows, update
 from inercal.methods.turntable.drifting import drifted, drifting
 from inercal.methods.turntable.strapdown import (
@@ -46,7 +47,6 @@ from inercal.methods.turntable_kalman._common import (
     write,
 )
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 

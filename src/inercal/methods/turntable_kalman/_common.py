@@ -11,13 +11,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.estimate.kalman import predict
 from inercal.methods.turntable.drift import Drift
 from inercal.methods.turntable.drifting import predict_drift
 from inercal.methods.turntable.strapdown import matrix, sum_up, taken
 from inercal.methods.turntable.terms import BIAS, Terms
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 

@@ -15,12 +15,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.estimate.kalman import update
 from inercal.methods.turntable.drifting import drifting
 from inercal.methods.turntable.strapdown import apart, around, copy, delayed, product, turn_level
 from inercal.methods.turntable_kalman._common import Model, Samples, Transition, Work, take
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 STRAIGHT = 1e-4  # s: within that a way does not bend by more than 0.04″, even at 1000 °/s²
 ITERATIONS, SAME = 10, 1e-6  # of a delay, s

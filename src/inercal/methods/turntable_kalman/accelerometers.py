@@ -15,6 +15,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.turntable.attitude import Misalignment, misalignment, reference
 from inercal.benches.turntable.bench import Turntable
 from inercal.estimate import Course, Gaussian
@@ -27,7 +28,6 @@ from inercal.methods.turntable_kalman.filter import TILT, Filter, copied
 from inercal.recording import Track
 from inercal.sensors import Sensor
 
-Array = NDArray[np.float64]
 STILL = 1e-5  # m/s, how far velocity at rest is known to be zero: 1 µm in 0.1 s
 _ALIGNED = 5e-4  # rad, sd of φ where a hold begins
 _COMMON = ("lean_x", "lean_y")  # of the base; what else a hold is off by is its own

@@ -5,8 +5,8 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.estimate import Scored, Test, scored
 from inercal.estimate.innovations import grouped, means_and_whiteness, standardised
 from inercal.estimate.kalman import Steps
@@ -20,7 +20,6 @@ from inercal.methods.turntable_kalman.filter import TILT, Found
 from inercal.methods.turntable_kalman.gyros import Gyros
 from inercal.recording import Observations, Track
 
-Array = NDArray[np.float64]
 _TIMES = ("latency", "clock")
 _FAR = 3.0  # standard deviations of the latency as stated
 

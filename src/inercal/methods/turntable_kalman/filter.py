@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import ClassVar, Generic, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from inercal.arrays import Array
 from inercal.benches.turntable.bench import Turntable
 from inercal.estimate import Course, Smoothed
 from inercal.estimate.kalman import Steps, smoothed, steps
@@ -26,7 +26,6 @@ from inercal.methods.turntable_kalman._common import Model, Samples
 from inercal.parameters import Parameter
 from inercal.recording import Track
 
-Array = NDArray[np.float64]
 _NUMBERS = ("nis", "epochs")  # of a state; all else is an array
 S = TypeVar("S", _accelerometers.State, _readback.State)
 TILT = ("phi_e", "phi_n", "phi_u")

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from itertools import chain
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.turntable.bench import Turntable
 from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian
@@ -20,8 +20,6 @@ from inercal.methods.turntable_kalman.ways import KINDS, WAYS, Kind, Way
 from inercal.plan import TableStep
 from inercal.recording import Observations, Track
 from inercal.sensors import Sensor
-
-Array = NDArray[np.float64]
 
 
 def filtered(

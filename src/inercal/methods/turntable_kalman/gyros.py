@@ -17,6 +17,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.turntable.attitude import misalignment, reference
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.epochs import GAP
@@ -32,7 +33,6 @@ from inercal.methods.turntable_kalman.filter import TILT, Filter, copied
 from inercal.recording import Track
 from inercal.sensors import Sensor
 
-Array = NDArray[np.float64]
 _SURELY = 4.0  # standard deviations
 # s; where less is known of a delay it does not act in first order as the table speeds up.
 _SPAN = 0.1

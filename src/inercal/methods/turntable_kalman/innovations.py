@@ -10,16 +10,15 @@ Navigation, section 5.4). The source's R is not, and its NIS tests nothing.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri
 
+from inercal.arrays import Array
 from inercal.estimate import Course, Group
 from inercal.estimate.spread import Spread
 from inercal.methods.turntable.model import PERIOD, Triad
 from inercal.methods.turntable_kalman.checks import Checked
 from inercal.recording import Observations, Track
 
-Array = NDArray[np.float64]
 _LEVEL = 0.95
 _LESS = 0.9  # of NIS as stated: noise is seldom known to 5 %, and what is less does no harm
 

@@ -17,6 +17,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.paths import named
 from inercal.errors import InputError
@@ -34,7 +35,6 @@ from inercal.plan import TableStep
 from inercal.recording import Observations, Track
 from inercal.sensors import Sensor
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 # Whitening follows the coefficients and sums many increments: a fall of χ² below this says nothing.
 _ROUNDING = 1e-7

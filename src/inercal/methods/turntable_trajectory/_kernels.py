@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.estimate.kalman import predict
 from inercal.methods.turntable.drift import Drift
 from inercal.methods.turntable.drifting import drifted, predict_drift
@@ -26,7 +27,6 @@ from inercal.methods.turntable.strapdown import (
 )
 from inercal.methods.turntable.terms import FORCE, RATE, SQUARE, WARM
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 

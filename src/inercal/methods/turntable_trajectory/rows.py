@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.turntable.attitude import earth as earth_rate
 from inercal.benches.turntable.attitude import misalignment, reference
 from inercal.benches.turntable.bench import Turntable
@@ -32,7 +33,6 @@ from inercal.observe import vector
 from inercal.parameters import Parameter
 from inercal.recording import Track
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 _BLOCK = 1.0  # s of rest that make one mean
 

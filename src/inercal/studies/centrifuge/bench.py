@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from inercal.arrays import Array
 from inercal.benches.forces import directions
 from inercal.methods.centrifuge_norm import closed, ml
 from inercal.studies.centrifuge import experiment
@@ -23,7 +24,7 @@ from inercal.studies.centrifuge.experiment import (
     steps,
 )
 from inercal.studies.claim import Claim, judge, shown
-from inercal.studies.section import Array, Section, Table
+from inercal.studies.section import Section, Table
 from inercal.studies.words import words_of
 
 WORDS = words_of("inercal.studies.centrifuge", "bench")

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from inercal.arrays import Array
 from inercal.methods.centrifuge_norm import closed
 from inercal.methods.centrifuge_norm.plans import RATES
 from inercal.plan import Spin
@@ -19,7 +20,7 @@ from inercal.studies.centrifuge.experiment import (
 )
 from inercal.studies.centrifuge.trials import ESTIMATORS, Trials
 from inercal.studies.claim import shown
-from inercal.studies.section import Array, Chart, Line, Panel, Section, Table
+from inercal.studies.section import Chart, Line, Panel, Section, Table
 from inercal.studies.words import words_of
 
 WORDS = words_of("inercal.studies.centrifuge", "efficiency")

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from inercal.arrays import Array
 from inercal.methods.centrifuge_norm import closed
 from inercal.methods.centrifuge_norm.plans import RATES
 from inercal.studies.centrifuge.experiment import (
@@ -22,7 +23,7 @@ from inercal.studies.centrifuge.experiment import (
 from inercal.studies.centrifuge.taylor import root
 from inercal.studies.centrifuge.trials import Trials
 from inercal.studies.claim import Claim, Finding, judge, shown
-from inercal.studies.section import Array, Section, Table
+from inercal.studies.section import Section, Table
 from inercal.studies.words import words_of
 
 WORDS = words_of("inercal.studies.centrifuge", "equations")

@@ -12,6 +12,7 @@ from typing import Literal
 
 import numpy as np
 
+from inercal.arrays import Array
 from inercal.benches.centrifuge.arm import felt_vector
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.benches.forces import directions
@@ -22,7 +23,6 @@ from inercal.methods.centrifuge_norm.plans import RATES, plan
 from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import Readout, Sensor, triad
-from inercal.studies.section import Array
 from inercal.units import Measured
 
 G = 9.8  # m/s², the source's unit of g

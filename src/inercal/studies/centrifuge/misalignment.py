@@ -9,6 +9,7 @@ from itertools import product
 
 import numpy as np
 
+from inercal.arrays import Array
 from inercal.methods.centrifuge_norm import closed, ml
 from inercal.studies.centrifuge import experiment
 from inercal.studies.centrifuge.experiment import (
@@ -28,7 +29,7 @@ from inercal.studies.centrifuge.experiment import (
     turned,
 )
 from inercal.studies.claim import shown
-from inercal.studies.section import Array, Chart, Line, Panel, Section, Table
+from inercal.studies.section import Chart, Line, Panel, Section, Table
 from inercal.studies.words import words_of
 
 WORDS = words_of("inercal.studies.centrifuge", "misalignment")

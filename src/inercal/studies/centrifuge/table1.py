@@ -6,13 +6,14 @@ from importlib.resources import files
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.estimate import Cauchy, least_squares
 from inercal.methods.centrifuge_norm.problems import by_norm
 from inercal.methods.centrifuge_norm.screening import Suspect, screen
 from inercal.studies.centrifuge import experiment
 from inercal.studies.centrifuge.experiment import BENCH, TRUTH, outputs, steps
 from inercal.studies.claim import shown
-from inercal.studies.section import Array, Section, Table
+from inercal.studies.section import Section, Table
 from inercal.studies.words import words_of
 
 WORDS = words_of("inercal.studies.centrifuge", "table1")

@@ -9,9 +9,10 @@ from math import comb
 
 import numpy as np
 
+from inercal.arrays import Array
 from inercal.studies.centrifuge.experiment import TRUTH, G, force, outputs, steps
 from inercal.studies.claim import shown
-from inercal.studies.section import Array, Chart, Line, Panel, Section, Table
+from inercal.studies.section import Chart, Line, Panel, Section, Table
 from inercal.studies.words import words_of
 
 WORDS = words_of("inercal.studies.centrifuge", "taylor")

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from inercal.arrays import Array
 from inercal.methods.centrifuge_norm import closed
 from inercal.studies.centrifuge.experiment import (
     TRUTH,
@@ -15,7 +16,6 @@ from inercal.studies.centrifuge.experiment import (
     stated,
     steps,
 )
-from inercal.studies.section import Array
 
 SHARE = 20  # one trial of ml for so many of the closed formulas
 _AT_ONCE = 4000

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from inercal.arrays import Array
 from inercal.benches.dividing_head.bench import DividingHead
 from inercal.studies.claim import shown
 from inercal.studies.dual_orthogonal.experiment import (
@@ -26,7 +27,7 @@ from inercal.studies.dual_orthogonal.experiment import (
 )
 from inercal.studies.dual_orthogonal.methods import FACES, METHODS, tried
 from inercal.studies.rms import Rms, rms
-from inercal.studies.section import Array, Chart, Line, Panel, Section, Table
+from inercal.studies.section import Chart, Line, Panel, Section, Table
 from inercal.studies.words import words_of
 
 WORDS = words_of("inercal.studies.dual_orthogonal", "allocation")

@@ -11,6 +11,7 @@ from zlib import crc32
 
 import numpy as np
 
+from inercal.arrays import Array
 from inercal.benches.dividing_head.bench import (
     Collimated,
     DividingHead,
@@ -25,7 +26,6 @@ from inercal.motion import Motion
 from inercal.recording import Observations
 from inercal.sensors import G0
 from inercal.studies.rms import Rms
-from inercal.studies.section import Array
 from inercal.units import Measured
 
 ARCSEC = pi / 648_000  # rad

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from inercal.arrays import Array
 from inercal.benches.dividing_head.bench import DividingHead, felt, positions
 from inercal.methods.dual_orthogonal.four_points import four_points
 from inercal.motion import Motion
@@ -11,7 +12,7 @@ from inercal.sensors import G0
 from inercal.studies.claim import shown
 from inercal.studies.dual_orthogonal.experiment import ARCSEC, MICRO, SENSOR, SIZES, bench, simulate
 from inercal.studies.rms import rms
-from inercal.studies.section import Array, Chart, Line, Panel, Section, Table
+from inercal.studies.section import Chart, Line, Panel, Section, Table
 from inercal.studies.words import words_of
 
 WORDS = words_of("inercal.studies.dual_orthogonal", "four-points")

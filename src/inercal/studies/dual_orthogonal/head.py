@@ -4,11 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from inercal.arrays import Array
 from inercal.studies.claim import shown
 from inercal.studies.dual_orthogonal.experiment import ratio
 from inercal.studies.dual_orthogonal.methods import FACES, tried
 from inercal.studies.rms import Rms, rms
-from inercal.studies.section import Array, Chart, Line, Panel, Section, Table
+from inercal.studies.section import Chart, Line, Panel, Section, Table
 from inercal.studies.words import words_of
 
 WORDS = words_of("inercal.studies.dual_orthogonal", "head")

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from inercal.arrays import Array
 from inercal.benches.dividing_head.bench import Collimated, Index
 from inercal.estimate import Estimate, Gaussian
 from inercal.methods.dual_orthogonal import dual, joint, patent, single
@@ -21,7 +22,6 @@ from inercal.studies.dual_orthogonal.experiment import (
     errors,
     simulate,
 )
-from inercal.studies.section import Array
 
 CENTRIFUGE = 0.5 * MICRO  # g, how well a centrifuge knows K3
 TESTS = 5  # single tests behind the Kip of `dual`; the source has several

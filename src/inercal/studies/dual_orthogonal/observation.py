@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from inercal.arrays import Array
 from inercal.keys import CoefficientName
 from inercal.methods.dual_orthogonal import square
 from inercal.sensors import G0
@@ -25,7 +26,7 @@ from inercal.studies.dual_orthogonal.experiment import (
 )
 from inercal.studies.dual_orthogonal.methods import FACES, tried
 from inercal.studies.rms import Rms, rms
-from inercal.studies.section import Array, Section, Table
+from inercal.studies.section import Section, Table
 from inercal.studies.words import words_of
 
 WORDS = words_of("inercal.studies.dual_orthogonal", "observation")

@@ -6,6 +6,7 @@ from math import pi, sqrt
 
 import numpy as np
 
+from inercal.arrays import Array
 from inercal.benches.dividing_head.bench import Index, positions
 from inercal.benches.dividing_head.passes import near
 from inercal.errors import NotObserved
@@ -15,7 +16,7 @@ from inercal.studies.dual_orthogonal.experiment import JUDGED, NOISE, ratio
 from inercal.studies.dual_orthogonal.methods import FACES, tried
 from inercal.studies.dual_orthogonal.observation import rank
 from inercal.studies.rms import Rms, rms
-from inercal.studies.section import Array, Chart, Line, Panel, Section, Table
+from inercal.studies.section import Chart, Line, Panel, Section, Table
 from inercal.studies.words import words_of
 
 WORDS = words_of("inercal.studies.dual_orthogonal", "step")

@@ -4,9 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from inercal.arrays import Array
 from inercal.sensors import G0
 from inercal.studies.claim import shown
-from inercal.studies.section import Array, Chart, Line, Panel, Section, Table
+from inercal.studies.section import Chart, Line, Panel, Section, Table
 from inercal.studies.ship_model.estimators import NONE, Compared
 from inercal.studies.ship_model.experiment import MILLI, errors, median, part
 from inercal.studies.ship_model.ship_motion import IRREGULAR, PLACE, REGULAR, Felt, feel

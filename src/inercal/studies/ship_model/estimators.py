@@ -5,11 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from inercal.arrays import Array
 from inercal.methods.ship_multi_angle import damped, joint, planar, planar_norm
 from inercal.methods.ship_multi_angle.norms import residual, rows
 from inercal.sensors.affine import IDEAL, Affine
 from inercal.studies.claim import shown
-from inercal.studies.section import Array, Section, Table
+from inercal.studies.section import Section, Table
 from inercal.studies.ship_model.experiment import (
     MILLI,
     SENSOR,

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from inercal.arrays import Array
 from inercal.benches.rate_table.bench import RateTable, felt
 from inercal.benches.rate_table.fixture import FAST, RPM, Reading, multi_angle_plan, planar_plan
 from inercal.estimate import Estimate
@@ -22,7 +23,6 @@ from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import G0, triad
 from inercal.sensors.affine import Affine, to_affine
-from inercal.studies.section import Array
 from inercal.units import Measured
 
 SENSOR = triad().with_coefficients("k0", "k1", "delta_o", "delta_p")

@@ -2,11 +2,12 @@
 
 import numpy as np
 
+from inercal.arrays import Array
 from inercal.benches.rate_table.fixture import PLANES, RPM, planar_plan
 from inercal.methods.ship_planar import level
 from inercal.sensors.affine import Affine
 from inercal.studies.claim import shown
-from inercal.studies.section import Array, Chart, Line, Panel, Section
+from inercal.studies.section import Chart, Line, Panel, Section
 from inercal.studies.ship_model.estimators import NONE, Compared
 from inercal.studies.ship_model.experiment import (
     EXACT,

@@ -19,9 +19,9 @@ from math import pi, radians
 
 import numpy as np
 
+from inercal.arrays import Array
 from inercal.frames import exp_so3
 from inercal.sensors import G0
-from inercal.studies.section import Array
 
 _COMPONENTS = 60
 _BAND = (0.6, 1.8)  # of ω_p; a model does not follow waves much shorter than itself

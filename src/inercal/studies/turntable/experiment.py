@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from inercal.arrays import Array
 from inercal.benches import Turntable
 from inercal.benches.turntable.simulation import perform_on_turntable
 from inercal.keys import CoefficientName
@@ -25,7 +26,6 @@ from inercal.plan import Position, TableStep
 from inercal.recording import Observations, Track
 from inercal.sensors import G0, Noise, Sensor
 from inercal.sensors.catalogue import imu
-from inercal.studies.section import Array
 from inercal.units import Measured
 
 RATE_HZ = 100.0

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.turntable.paths import discrete
 from inercal.estimate import Course
 from inercal.methods.turntable_discrete import least_squares
@@ -14,7 +15,6 @@ from inercal.methods.turntable_kalman.accelerometers import Accelerometers
 from inercal.methods.turntable_kalman.follow import WAYS
 from inercal.methods.turntable_kalman.gyros import Gyros
 from inercal.sensors import Sensor
-from inercal.studies.section import Array
 from inercal.studies.turntable.experiment import SENSOR, TOLD, Case, rows
 
 DISCRETE = discrete()[1:]  # without the warm-up

@@ -5,9 +5,9 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from inercal.arrays import Array
 from inercal.keys import CoefficientName
 from inercal.studies.rms import Rms, rms
-from inercal.studies.section import Array
 from inercal.studies.turntable.experiment import ARCSEC, DEG_MIN, MICRO_G, PPM, SENSOR
 from inercal.studies.turntable.filters import Found
 

@@ -9,8 +9,8 @@ from math import degrees, pi, radians
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.turntable.attitude import motion, reference
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.epochs import GAP as WITHOUT
@@ -28,7 +28,6 @@ from inercal.errors import InputError
 from inercal.recording import GAP, Finding, Track
 from inercal.sensors import Sensor
 
-Array = NDArray[np.float64]
 _STILL = 1e-3  # rad; no run worth following turns less, in any unit
 _TURNS = radians(1)  # rad/s that gyros read beyond their bias where a table turns
 _SIZE = 1.2  # times or one over it: no usable scale factor is further off

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
+from inercal.arrays import Array
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.rates import (
     Offsets,
@@ -26,7 +26,6 @@ from inercal.benches.turntable.reading.rates import (
 )
 from inercal.errors import InputError
 
-Array = NDArray[np.float64]
 FURTHEST = 1.0  # s, of the offset
 FASTEST = 1e-3  # of the relative rate of the clocks
 _GRID = 0.02  # s of the first search

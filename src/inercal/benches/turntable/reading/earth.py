@@ -14,6 +14,7 @@ from math import atan2, degrees, hypot, pi
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.turntable.attitude import earth, reference
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.rates import of_gyros, of_table, rough
@@ -22,7 +23,6 @@ from inercal.errors import InputError
 from inercal.recording import Finding, Track
 from inercal.sensors import G0, Sensor
 
-Array = NDArray[np.float64]
 _AXES = 3
 _CLEAR, _ODD = 100.0, 30.0  # χ² of three components
 _FAR = 0.3  # of the earth's rate: less harms little

@@ -18,12 +18,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.turntable.attitude import motion
 from inercal.benches.turntable.bench import Turntable
 from inercal.recording import GAP, Track
 from inercal.sensors import G0, Sensor
 
-Array = NDArray[np.float64]
 SOUND = 30.0
 """Largest cost of an honest sensor."""
 _BLOCK = 0.1  # s

@@ -14,11 +14,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.turntable.attitude import motion
 from inercal.benches.turntable.bench import Turntable
 from inercal.recording import GAP
 
-Array = NDArray[np.float64]
 _HALF = 0.02  # s, half a window
 _CHANGING = 0.1  # of the largest change of rate
 _NEAR = 0.1  # s: stretches nearer than this are one

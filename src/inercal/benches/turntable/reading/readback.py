@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from math import pi
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.clock import FURTHEST, Aligned, NotAlike, aligned
 from inercal.benches.turntable.settings import HOLD, TurntableData
@@ -18,7 +18,6 @@ from inercal.recording import Recording
 from inercal.settings import si_value
 from inercal.units import Measured, readable
 
-Array = NDArray[np.float64]
 # Both clocks are compared by the same turns that a filter goes by: it is told less than was found,
 # so that they do not count twice.
 _LOOSER = 3.0

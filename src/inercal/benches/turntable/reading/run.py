@@ -8,6 +8,7 @@ from math import degrees, pi, radians
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.epochs import COARSE, GAP, LEAST_REST, settling
 from inercal.benches.turntable.reading.against_plan import against_plan
@@ -46,7 +47,6 @@ from inercal.segments import (
 )
 from inercal.units import readable
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 _WIDEST = 0.05  # s
 _NOT_LATE = 1e-3  # s

@@ -11,12 +11,12 @@ from math import degrees, radians
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.recording import Finding, Recording, Track
 from inercal.segments.attitudes import FLAWS
 from inercal.sensors import G0, Sensor
 
-Array = NDArray[np.float64]
 _TURNING = radians(1)  # rad/s
 _LASTING = 1.0  # s that gyros turn while the readback stands
 _FLAT = 0.3  # s of gyros at one value while the table turns, all together

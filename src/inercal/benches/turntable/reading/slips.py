@@ -14,8 +14,8 @@ A row lost at rest does not show: nothing turned but the earth, 0.15″ in 10 ms
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.arrays import Array
 from inercal.benches.turntable.attitude import motion
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.rates import (
@@ -29,7 +29,6 @@ from inercal.benches.turntable.reading.rates import (
 from inercal.recording import GAP, Finding, Track
 from inercal.sensors import Sensor
 
-Array = NDArray[np.float64]
 _ALONE = 10.0  # times the usual difference between readback and gyros over one step
 _CLEAR = 6.0  # standard deviations of a step between local offsets
 _NORMAL = 1.4826  # standard deviations of a normal distribution in its median absolute one
