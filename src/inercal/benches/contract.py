@@ -170,9 +170,10 @@ def stacked(rows: Sequence[Mapping[str, Array]], shape: tuple[int, ...]) -> dict
     shape : tuple of int
         (..., 3), of one row.
     """
-    names = dict.fromkeys(name for row in rows for name in row)
-    nothing = np.zeros(shape)
-    return {
-        name: np.stack([np.broadcast_to(row.get(name, nothing), shape) for row in rows], axis=-2)
-        for name in names
-    }
+    made: dict[str, Array] = {}
+    for k, row in enumerate(rows):
+        for name, value in row.items():
+            if name not in made:
+                made[name] = np.zeros((*shape[:-1], len(rows), shape[-1]))
+            made[name][..., k, :] = value
+    return made

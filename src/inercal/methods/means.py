@@ -14,17 +14,14 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.benches import Hand
-from inercal.benches.hand.bench import felt
 from inercal.errors import NotObserved
 from inercal.estimate import Estimate, Gaussian, Problem, least_squares
-from inercal.methods import candidates, temperature
+from inercal.methods import vectors
 from inercal.methods.curvature import Curvature, of_tilts
 from inercal.methods.observed import not_observed, require_observed, require_separated
-from inercal.motion import Motion
-from inercal.observe import vector
 from inercal.plan import HandStep, Hold, Turn
 from inercal.recording import Observations
-from inercal.sensors import G0, Sensor, inverse
+from inercal.sensors import Sensor, inverse
 
 _EXACT = 1e-15  # SI; what is known better is exact, such as the level earth rate at a pole
 _ACROSS = 1e-6  # of g, or of a turn's rate
@@ -78,79 +75,44 @@ def problem(
     done: Sequence[HandStep],
     priors: Sequence[Gaussian] = (),
     curvature: Curvature | None = None,
-    *,
-    freed: bool = False,
 ) -> Problem:
     """Return the estimation problem; `done` are the steps of the rows, in their order.
 
-    `curvature` corrects the readings for the second order of the tilts, once that is known; `freed`
-    has columns of the bench's exact parameters too, for the candidates of the score tests.
+    `curvature` corrects the readings for the second order of the tilts, once that is known.
     """
-    mean = observations.mean
-    if curvature is None:
-        noise = _noise(observations)
-    else:
-        mean = mean - curvature.shift
+    noise = _noise(observations)
+    if curvature is not None:
         noise = observations.full_covariance + curvature.covariance
-    stated = bench.nuisances(done, sensor)
-    rates = any(axis.measures == "w" for axis in sensor.axes)
-    declared = candidates.freed(stated) if freed else stated
-    loose = {name: p for name, p in declared.items() if p.sd > _EXACT}
-    known = {name: np.array(p.value) for name, p in declared.items() if name not in loose}
-    forces = [f"force_{a}[{step.label}]" for step in done if isinstance(step, Turn) for a in "xyz"]
-    names = (*sensor.coefficients, *loose, *forces)
-    p = len(sensor.coefficients)
+        observations = replace(observations, mean=observations.mean - curvature.shift)
+    # How long a step took is what the recording says.
+    lasting = [
+        replace(step, seconds=t)
+        for step, t in zip(done, observations.duration.tolist(), strict=True)
+    ]
+    declared = {
+        name: one if one.sd > _EXACT else replace(one, sd=0.0)
+        for name, one in bench.nuisances(done, sensor).items()
+    }
     turns = [k for k, step in enumerate(done) if isinstance(step, Turn)]
-    warmth = temperature.offset(observations, sensor)
-    # Without turns all trials start from one point, which is then worked out once.
-    trials = observations.mean.shape[:-2] if turns else ()
-    start = np.zeros((*trials, len(names)))
-    start[..., p : p + len(loose)] = [parameter.value for parameter in loose.values()]
+    forces: dict[str, Array] = {}
     if turns:
         bare = Sensor(sensor.name, sensor.axes)
-        start_force = inverse(bare, observations.mean[..., turns, :], np.zeros(0)).f
-        start[..., p + len(loose) :] = start_force.reshape(*trials, -1)
-
-    def linearise(x: Array) -> tuple[Array, Array]:
-        q = known | {name: x[..., p + k] for k, name in enumerate(names[p:])}
-        rows = [
-            felt(step, float(t), q) for step, t in zip(done, observations.duration, strict=True)
-        ]
-        shape = (*x.shape[:-1], len(rows), 3)
-        f, w = np.empty(shape), np.empty(shape)
-        df, dw = (np.zeros((*shape, len(names) - p)) for _ in range(2))
-        for k, row in enumerate(rows):
-            f[..., k, :], w[..., k, :] = row.f, row.w
-            for target, derivatives in ((df, row.df), (dw, row.dw)):
-                for name, value in derivatives.items():
-                    if name in position:
-                        target[..., k, :, position[name]] = value
-        motion = Motion(f, w, dT=warmth) if rates else Motion(f, dT=warmth)
-        return vector(sensor, mean, x[..., :p], motion, df, dw if rates else None)
-
-    def larger() -> Problem:
-        whole = candidates.extended(sensor, warmed=observations.warmed)
-        return problem(observations, whole, bench, done, curvature=curvature, freed=True)
-
-    position = {name: k for k, name in enumerate(names[p:])}
-    sizes = [candidates.natural(parameter) for parameter in loose.values()]
-    bench_prior = Gaussian.independent(
-        tuple(loose),
-        [parameter.value for parameter in loose.values()],
-        [parameter.sd for parameter in loose.values()],
-    )
-    return Problem(
-        names=names,
-        start=start,
-        linearise=linearise,
-        noise=noise,
-        scale=np.concatenate([sensor.natural, sizes, np.full(len(forces), G0)]),
-        priors=(bench_prior, *priors) if loose else tuple(priors),
-        wanted=sensor.coefficients,
-        observations=tuple(f"{a}[{row}]" for row in observations.labels for a in sensor.channels),
-        candidates=candidates.of_means(
-            larger, names, sensor, stated, observations.time, level=_level(sensor, done)
-        ),
+        mean = inverse(bare, observations.mean[..., turns, :], np.zeros(0)).f
+        forces = {
+            f"force_{a}[{done[k].label}]": mean[..., j, i]
+            for j, k in enumerate(turns)
+            for i, a in enumerate("xyz")
+        }
+    return vectors.problem(
+        observations,
+        sensor,
+        declared,
+        lambda q: bench.mean_motion(lasting, q),
+        priors,
+        timed=True,
+        forces=forces,
+        stated=noise,
+        level=_level(sensor, done),
     )
 
 

@@ -20,7 +20,7 @@ from inercal.methods import candidates, temperature
 from inercal.observe import vector
 from inercal.parameters import Parameter
 from inercal.recording import Observations
-from inercal.sensors import Sensor
+from inercal.sensors import G0, Sensor
 
 ROUNDING = 2.0**-50  # of a reading, by the few operations that give it
 
@@ -118,6 +118,9 @@ def problem(
     timed: bool = False,
     families: Mapping[str, Sequence[str]] | None = None,
     common: Sequence[str] = (),
+    forces: Mapping[str, Array] | None = None,
+    stated: Array | None = None,
+    level: NDArray[np.bool_] | None = None,
 ) -> Problem:
     """Return the problem of all readings.
 
@@ -144,49 +147,64 @@ def problem(
         Of candidates, as of `inercal.methods.candidates.of_means`.
     common : sequence of str, optional
         Errors of single rows that may be alike, as of `inercal.methods.candidates.of_common`.
+    forces : mapping of str to (...) array, optional
+        Specific forces that nothing is known of, by the names that `feel` takes: where the search
+        begins, m/s².
+    stated : (..., m r) or (..., m r, m r) array, optional
+        Deviations of the readings, or their covariance, in place of that of the observations.
+    level : (m r,) array of bool, optional
+        As of `inercal.methods.candidates.of_means`.
     """
-    p = len(sensor.coefficients)
+    p, unknown = len(sensor.coefficients), forces or {}
     loose, known = split(declared)
+    nuisances = (*loose, *unknown)
     beside = {name: column for name, column in (added or {}).items() if name in loose}
     at = [p + list(loose).index(name) for name in beside]
     warmth = temperature.offset(observations, sensor)
     columns = np.array(list(beside.values())).T
 
     def felt(x: Array) -> MeanMotion:
-        made = feel(known | {name: x[..., p + k] for k, name in enumerate(loose)})
+        made = feel(known | {n: x[..., p + k] for k, n in enumerate(nuisances)})
         return replace(made, motion=replace(made.motion, dT=warmth)) if warmth.ndim else made
 
     def linearise(x: Array) -> tuple[Array, Array]:
         here = felt(x)
         shape = here.motion.f.shape
-        df, dw = _stacked(here.df, loose, shape), None
+        df, dw = _stacked(here.df, nuisances, shape), None
         if here.dw:
-            dw = _stacked(here.dw, loose, shape)
+            dw = _stacked(here.dw, nuisances, shape)
         residual, slope = vector(sensor, observations.mean, x[..., :p], here.motion, df, dw)
         if beside:
             residual = residual - x[..., at] @ columns.T
             slope[..., at] = columns
         return residual, slope
 
-    full = observations.full_covariance
+    full = observations.full_covariance if stated is None else stated
 
     def noise(x: Array) -> Array:
         return full if dwells is None else full + dwells(x[..., :p], felt(x))
 
     def larger() -> Problem:
         whole = candidates.extended(sensor, warmed=observations.warmed)
-        return problem(observations, whole, candidates.freed(declared), feel, added=added)
+        freed = candidates.freed(declared)
+        return problem(observations, whole, freed, feel, added=added, forces=forces, stated=stated)
 
     first = start(p, loose)
-    names = (*sensor.coefficients, *loose)
+    # Without forces all trials start from one point, which is then worked out once.
+    if unknown:
+        begin = np.stack([*unknown.values()], axis=-1)
+        alike = np.broadcast_to(first, (*begin.shape[:-1], first.size))
+        first = np.concatenate([alike, begin], axis=-1)
+    names = (*sensor.coefficients, *nuisances)
     read = np.abs(observations.mean).reshape(*observations.mean.shape[:-2], -1)
-    largest = read / np.sqrt(np.diagonal(noise(first), axis1=-2, axis2=-1))
+    own = observations.full_covariance if stated is not None else noise(first)
+    largest = read / np.sqrt(np.diagonal(own, axis1=-2, axis2=-1))
     return Problem(
         names=names,
         start=first,
         linearise=linearise,
         noise=full if dwells is None else noise,
-        scale=scale(sensor, loose),
+        scale=np.concatenate([scale(sensor, loose), np.full(len(unknown), G0)]),
         priors=with_bench(loose, priors),
         gauges=gauges,
         wanted=sensor.coefficients,
@@ -201,6 +219,7 @@ def problem(
             families,
             [name for prior in priors for name in prior.names],
             common,
+            level,
         ),
     )
 
@@ -236,9 +255,7 @@ def some_rows(whole: Problem, at: NDArray[np.int64]) -> Problem:
     )
 
 
-def _stacked(
-    by: Mapping[str, Array], loose: Mapping[str, Parameter], shape: tuple[int, ...]
-) -> Array:
+def _stacked(by: Mapping[str, Array], loose: Sequence[str], shape: tuple[int, ...]) -> Array:
     """Return the derivatives by each nuisance, (..., r, 3, q)."""
     made = np.zeros((*shape, len(loose)))
     for k, name in enumerate(loose):
