@@ -10,7 +10,7 @@ from tests.accuracy import turntable as tt
 
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.clock import aligned
-from inercal.benches.turntable.reading.slips import slipped, slips
+from inercal.benches.turntable.reading.dropped_samples import slipped, slips
 from inercal.errors import InputError
 from inercal.recording import Track
 from inercal.sensors.catalogue import imu

@@ -19,7 +19,7 @@ from inercal.benches.contract import Simulated, SimulatedMotion
 from inercal.benches.declare import built, declared_parameters, keys_of, small_angle
 from inercal.benches.kind import Kind, Vocabulary
 from inercal.benches.sheet import Heading, Row, Sheet
-from inercal.data import DataSection, Gathered, Readback, Source, size_of
+from inercal.data import DataSection, EstimatorInput, Readback, Source, size_of
 from inercal.data.load import columns, load_recording, readback_columns, readback_units, stated_sd
 from inercal.errors import InputError
 from inercal.io.means import means_of, read_columns
@@ -133,7 +133,7 @@ def build(section: TiltTableSection, folder: Path) -> TiltTable:
     return built(TiltTable, section)
 
 
-def read(run: Source[TiltTableData]) -> Gathered:
+def read(run: Source[TiltTableData]) -> EstimatorInput:
     """Return the observations of a run: of a table of means, or of labelled sections."""
     path, wanted, bench = run.file(run.data.file), columns(run), run.bench
     column, size = readback_columns(run)["angle"], readback_units(run)["angle"]
@@ -147,7 +147,7 @@ def read(run: Source[TiltTableData]) -> Gathered:
         labels = tuple(step.label for step in steps)
         ones = np.ones(len(labels))
         means = means_of(path, table, labels, wanted, run.sensor, stated_sd(run), ones)
-        return Gathered(None, (), means, steps, steps, (), conditions)
+        return EstimatorInput(None, (), means, steps, steps, (), conditions)
     recording = load_recording(run)
     marks, told = marks_from_labels(recording), recording.readback["angle"] * size
     angles = np.array([told[mark.start : mark.stop].mean() for mark in marks])
@@ -157,7 +157,7 @@ def read(run: Source[TiltTableData]) -> Gathered:
         for mark, plane, angle in zip(marks, planes, angles.tolist(), strict=True)
     )
     means = observe(recording, run.sensor, marks, steps)
-    return Gathered(recording, marks, means, steps, steps, recording.findings, conditions)
+    return EstimatorInput(recording, marks, means, steps, steps, recording.findings, conditions)
 
 
 def _plane(text: str, path: Path) -> Plane:

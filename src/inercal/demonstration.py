@@ -17,12 +17,12 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from inercal.errors import InercalError
-from inercal.host.carry import Interrupted, carried_out
+from inercal.host.execute import Interrupted, carried_out
 from inercal.host.finish import finish
 from inercal.host.folder import begin, require_free
 from inercal.host.packets import read_layout
 from inercal.host.run import BenchRun
-from inercal.host.sim.drawn import draw
+from inercal.host.sim.errors import draw
 from inercal.host.sim.mimu import mean_drift, rate_of
 from inercal.host.simulated import POLL, started
 from inercal.pipeline import Outcome

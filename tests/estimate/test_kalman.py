@@ -8,7 +8,7 @@ from inercal.estimate.kalman import predict, smoothed, steps, update
 N, K, M, EPOCHS = 7, 2, 3, 9  # states, driven ones, observations, epochs
 
 
-class Drawn:
+class SimulatedErrors:
     """A random system: states K to K + 2 decay, one of them begins anew; the others are constant.
 
     At epoch 4 nothing is observed and the driven states are lost.
@@ -82,7 +82,7 @@ class Drawn:
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("fed", [0.0, 1.0])
 def test_the_way_back_gives_each_epoch_what_all_observations_say(seed: int, fed: float):
-    drawn = Drawn(seed)
+    drawn = SimulatedErrors(seed)
     mean, covariance = drawn.whole()
     _, value, variance = drawn.there_and_back(fed)
     assert value == pytest.approx(mean, rel=0, abs=1e-10)
@@ -90,7 +90,7 @@ def test_the_way_back_gives_each_epoch_what_all_observations_say(seed: int, fed:
 
 
 def test_a_constant_is_all_along_what_it_is_at_the_end():
-    found, value, variance = Drawn(1).there_and_back(1.0)
+    found, value, variance = SimulatedErrors(1).there_and_back(1.0)
     constants = slice(K + 2, N)
     assert value[:, constants] == pytest.approx(np.tile(found[-1, constants], (EPOCHS, 1)))
     assert np.ptp(variance[:, constants], axis=0).max() < 1e-12

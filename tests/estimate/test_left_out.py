@@ -18,7 +18,7 @@ COUNT = DRIVING + OBSERVED + 1  # one more is a state that departs from what was
 NONE = np.zeros((0, 0))  # of the states none is wanted
 
 
-class Drawn:
+class SimulatedErrors:
     """A random system, with columns that drive its first states and columns that are observed."""
 
     def __init__(self, seed: int):
@@ -102,7 +102,7 @@ class Drawn:
 
 @pytest.mark.parametrize("seed", range(5))
 def test_sums_and_shifts_are_those_of_all_observations_at_once(seed: int):
-    drawn = Drawn(seed)
+    drawn = SimulatedErrors(seed)
     v, c, gain, mean = drawn.whole()
     z = np.random.default_rng(seed).standard_normal((EPOCHS, M))
     _, found = drawn.filtered(z)
@@ -114,7 +114,7 @@ def test_sums_and_shifts_are_those_of_all_observations_at_once(seed: int):
 
 
 def test_a_filter_that_errs_by_a_constant_has_it_as_its_score():
-    drawn, q = Drawn(7), np.array([0.7, -0.4, 0.2, 1.1, -0.3, 0.5])
+    drawn, q = SimulatedErrors(7), np.array([0.7, -0.4, 0.2, 1.1, -0.3, 0.5])
     _, c, _, _ = drawn.whole()
     z = np.zeros((EPOCHS, M))
     z[[e for e in range(EPOCHS) if e != LOST]] = (c @ q).reshape(-1, M)
@@ -131,7 +131,7 @@ def test_a_filter_that_errs_by_a_constant_has_it_as_its_score():
 
 
 def test_observations_that_do_not_count_still_correct_the_states():
-    drawn = Drawn(3)
+    drawn = SimulatedErrors(3)
     z = np.random.default_rng(3).standard_normal((EPOCHS, M))
     zero = np.zeros
     steps = Steps(

@@ -12,10 +12,10 @@ from tests.host.bench_log import LAYOUT, PATH, Bench, Faults, run_file
 
 from inercal.benches import Turntable
 from inercal.estimate import Gaussian
-from inercal.host.account import Account
 from inercal.host.folder import Folder, begin
 from inercal.host.journal import Journal
 from inercal.host.log import Frame, Log
+from inercal.host.recorder import RunRecorder
 from inercal.methods import METHODS, PartialEstimate
 from inercal.plan import TableStep
 from inercal.runfile import read
@@ -48,7 +48,7 @@ def interrupted(folder: Path, frames: list[Frame]) -> Folder:
     return made
 
 
-def go_on(account: Account, frames: list[Frame]) -> None:
+def go_on(account: RunRecorder, frames: list[Frame]) -> None:
     """Let a run go on, as these frames come."""
     for frame in frames:
         account.keep(*frame)
@@ -65,7 +65,7 @@ def test_live_estimation_waits_or_is_not_the_methods(tmp_path: Path, method: str
     assert 'name = "turntable_kalman"' in text
     run.path.write_text(text.replace('name = "turntable_kalman"', f'name = "{method}"'))
     folder, journal = begin(tmp_path / "run", read(run.path), ADDRESSES)
-    with journal, Account(folder, journal, LAYOUT) as account:
+    with journal, RunRecorder(folder, journal, LAYOUT) as account:
         assert account.estimation == stands
 
 
@@ -89,7 +89,7 @@ class Faulty(rest_biases.RestMean):
 @contextmanager
 def followed(
     folder: Path, frames: list[Frame], made: type[rest_biases.RestMean]
-) -> Generator[Account]:
+) -> Generator[RunRecorder]:
     """Give the account of a run by a method from outside that is followed by such an estimator."""
 
     def estimator_of(
@@ -106,7 +106,7 @@ def followed(
     with METHODS.with_("rest_biases", method):
         run = run_file(folder, LONG, **{'"turntable_kalman"': '"rest_biases"'})
         left, journal = begin(folder / "run", run, ADDRESSES)
-        with journal, Account(left, journal, LAYOUT) as account:
+        with journal, RunRecorder(left, journal, LAYOUT) as account:
             go_on(account, frames)
             account.work(frames[-1].time)
             yield account
@@ -139,12 +139,12 @@ def test_what_was_said_before_an_interruption_is_not_said_again(
 ):
     folder = interrupted(tmp_path, [])
     with Journal(folder.journal) as journal:
-        with Account(folder, journal, LAYOUT) as account:
+        with RunRecorder(folder, journal, LAYOUT) as account:
             go_on(account, logged)
         said = journal.events()
         assert [event.words.split()[0] for event in said] == ["live", "so", "so"]
         for _ in range(2):
-            with Account(folder, journal, LAYOUT) as account:
+            with RunRecorder(folder, journal, LAYOUT) as account:
                 assert account.assembly.tally.bytes.lost > 100
             assert journal.events() == said
 
@@ -155,7 +155,7 @@ def test_an_end_of_live_estimation_that_only_the_replay_comes_to_is_said_once(
     folder = interrupted(tmp_path, logged)
     with Journal(folder.journal) as journal:
         for _ in range(2):
-            with Account(folder, journal, LAYOUT) as account:
+            with RunRecorder(folder, journal, LAYOUT) as account:
                 assert account.live is None
                 assert account.estimation == "ended"
         (event,) = journal.events()
@@ -168,7 +168,7 @@ def test_of_a_run_that_goes_on_losses_are_told_when_there_are_more(
 ):
     before = [frame for frame in logged if frame.time < HALF]
     folder = interrupted(tmp_path, before)
-    with Journal(folder.journal) as journal, Account(folder, journal, LAYOUT) as account:
+    with Journal(folder.journal) as journal, RunRecorder(folder, journal, LAYOUT) as account:
         lost = account.assembly.tally.bytes.lost
         assert lost > 50
         told = len(journal.events())

@@ -165,7 +165,7 @@ def test_an_axis_whose_encoder_stands_is_switched_off_and_said_to_turn(
 def test_a_table_that_is_gone_ends_the_run_in_words(
     tmp_path: Path, broken: SimulatedBench, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("inercal.host.driven._LEAVING", 1.0)  # nobody comes to see it at rest
+    monkeypatch.setattr("inercal.host.table_driver._LEAVING", 1.0)  # nobody comes to see it at rest
 
     def die(run: object) -> None:
         broken.tell("table", "die")

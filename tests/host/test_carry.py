@@ -9,7 +9,7 @@ import pytest
 from tests.host.benches import plan
 
 from inercal.errors import InputError
-from inercal.host.carry import Interrupted, carried_out
+from inercal.host.execute import Interrupted, carried_out
 from inercal.host.folder import Folder, begin
 from inercal.host.journal import Journal
 
@@ -49,7 +49,7 @@ def kept(name: str) -> Generator[None]:
 @pytest.fixture
 def begun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Folder, Journal]]:
     Run.done = []
-    monkeypatch.setattr("inercal.host.carry.BenchRun", Run)
+    monkeypatch.setattr("inercal.host.execute.BenchRun", Run)
     addresses = ("pmac://10.0.0.5?motors=1,2,3&counts=3600000", "tcp://10.0.0.5:9?preset=fixed", "")
     made, journal = begin(tmp_path / "run", plan(tmp_path / "plan"), addresses)
     with journal:

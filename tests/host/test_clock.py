@@ -58,12 +58,12 @@ class Scripted:
 def bench() -> Iterator[type[Scripted]]:
     made: list[Scripted] = []
 
-    class Kept(Scripted):
+    class MessageHistory(Scripted):
         def __init__(self, *answers: str):
             super().__init__(*answers)
             made.append(self)
 
-    yield Kept
+    yield MessageHistory
     for one in made:
         one.close()
 

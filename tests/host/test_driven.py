@@ -8,11 +8,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from inercal.host.driven import Driven
 from inercal.host.drivers.table import AxisState, ProtocolError, TableFault, TableState
 from inercal.host.link import LinkLost
 from inercal.host.run import BenchRun
 from inercal.host.sequencer import Go, Stop
+from inercal.host.table_driver import TableDriver
 
 RESTS = AxisState(0.0, 0.0, 0.0, in_position=True, moving=False, enabled=True, homed=True)
 OFF = AxisState(0.0, 0.0, 0.0, in_position=True, moving=False, enabled=False, homed=True)
@@ -64,7 +64,7 @@ class Guard:
 def driven(table: Table, times: Iterator[float] | None = None, guard: Guard | None = None):
     said: list[str] = []
     now = (lambda: 0.0) if times is None else times.__next__
-    made = Driven(table, guard or Guard(), now, lambda level, words: said.append(words))  # pyright: ignore[reportArgumentType]
+    made = TableDriver(table, guard or Guard(), now, lambda level, words: said.append(words))  # pyright: ignore[reportArgumentType]
     return made, said
 
 
@@ -171,7 +171,7 @@ def test_what_the_watchdog_has_switched_off_is_not_switched_on_by_a_stop():
 def test_a_table_is_left_to_the_watchdog_until_it_rests(
     monkeypatch: pytest.MonkeyPatch, says: list[str], words: str | None, left: bool
 ):
-    monkeypatch.setattr("inercal.host.driven._LEAVING", 0.2)
+    monkeypatch.setattr("inercal.host.table_driver._LEAVING", 0.2)
     guard = Guard(says=says)
     made, _ = driven(Table([]), guard=guard)
     said = made.leave()

@@ -45,7 +45,7 @@ class Imu:
     since: float = 0.0
 
 
-class Kept:
+class MessageHistory:
     """An `Interruptions` and, in their order, what it has done."""
 
     def __init__(self, fails: str = ""):
@@ -71,7 +71,7 @@ class Kept:
 
 @pytest.mark.parametrize("fails", ["", "event", "section"])
 def test_the_table_is_stopped_before_anything_is_said_and_what_can_be_said_is(fails: str):
-    kept = Kept(fails)
+    kept = MessageHistory(fails)
     with pytest.raises(InputError, match="no space") if fails else nullcontext():
         kept.made.end("the table is gone")
     assert kept.done == (["1 stop"] if fails == "event" else ["1 stop", "the table is gone"])
@@ -79,7 +79,7 @@ def test_the_table_is_stopped_before_anything_is_said_and_what_can_be_said_is(fa
 
 
 def test_a_watchdog_that_stops_the_table_pauses_the_run_until_it_rests():
-    kept = Kept()
+    kept = MessageHistory()
     kept.guard.says = ["stopping: the host was silent for 1.5 s"]
     kept.look()
     assert kept.made.paused == "watchdog: stopping: the host was silent for 1.5 s"
@@ -93,7 +93,7 @@ def test_a_watchdog_that_stops_the_table_pauses_the_run_until_it_rests():
 
 
 def test_a_run_whose_table_the_watchdog_had_to_switch_off_does_not_go_on():
-    kept = Kept()
+    kept = MessageHistory()
     kept.guard.says = ["stopping: the host was silent for 1.5 s", "killed: it did not slow down"]
     kept.look()
     kept.guard.says = ["at rest"]

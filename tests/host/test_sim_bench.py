@@ -21,7 +21,7 @@ from inercal.host.packets import Decoder, read_layout
 from inercal.host.sim import bench as bench_module
 from inercal.host.sim._packed import Packer
 from inercal.host.sim.bench import COUNTS, Bench, ClockServer, Pace
-from inercal.host.sim.drawn import draw
+from inercal.host.sim.errors import draw
 from inercal.host.sim.felt import Imu
 from inercal.host.sim.mimu import Sender, feel
 from inercal.host.sim.server import Server
@@ -34,7 +34,7 @@ AXES = tuple(PmacAxis(name, i, COUNTS) for i, name in enumerate(("outer", "middl
 LAYOUT = read_layout("fixed")
 
 
-class Kept:
+class MessageHistory:
     """A port that keeps what is sent."""
 
     address = "kept"
@@ -54,7 +54,7 @@ class Whole:
 
     def __init__(self, run: Run, seed: int, stack: ExitStack, silence: float = 1e9):
         drawn = draw(run, seed)
-        self.port = Kept()
+        self.port = MessageHistory()
         self.sender = Sender(Packer(LAYOUT, 200.0), lambda: self.port, seed)
         mine, other = socket.socketpair()
         feeling = Thread(target=feel, args=(other, Imu(run, drawn, 200.0, 60.0), self.sender))

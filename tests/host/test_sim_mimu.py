@@ -15,7 +15,7 @@ from inercal.host.link import LinkLost, SerialLink, TcpLink, open_link
 from inercal.host.packets import PRESETS, Decoder, encode, read_layout
 from inercal.host.sim import _felt as kernel
 from inercal.host.sim._packed import Packer
-from inercal.host.sim.drawn import draw
+from inercal.host.sim.errors import draw
 from inercal.host.sim.felt import Imu, Reading, Surroundings
 from inercal.host.sim.mimu import Sender, rate_of
 from inercal.host.sim.motion_link import Part
@@ -232,7 +232,7 @@ def test_a_time_that_wraps_starts_again_as_encodes_does():
     assert b"".join(Packer(layout, 200.0)(first, readings)) == whole
 
 
-class Kept:
+class MessageHistory:
     """A port that keeps what is sent."""
 
     address = "kept"
@@ -248,7 +248,7 @@ class Kept:
 
 
 def _sent(*words: str, n: int = 4000, seed: int = 6) -> tuple[Sender, bytes]:
-    port = Kept()
+    port = MessageHistory()
     sender = Sender(Packer(read_layout("fixed"), 200.0), lambda: port, seed)
     for told in words:
         sender.tell(told)
@@ -274,7 +274,7 @@ def test_errors_change_a_share_of_bytes():
 
 
 def test_a_silent_imu_counts_on():
-    port = Kept()
+    port = MessageHistory()
     sender = Sender(Packer(read_layout("fixed"), 200.0), lambda: port, 0)
     sender.tell("fault silent on")
     sender.send(0, np.ones((4, 6)))

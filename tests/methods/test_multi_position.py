@@ -31,7 +31,7 @@ from inercal.methods.multi_position.rotations import affine
 from inercal.methods.multi_position.timing import delay
 from inercal.recording import Mark, Observations, Passages, Recording
 from inercal.segments.average import observe
-from inercal.segments.passages import between_rests
+from inercal.segments.transitions import between_rests
 from inercal.sensors import Sensor, imu
 from inercal.units import Measured
 

@@ -8,7 +8,7 @@ from tests.accuracy.rate_table import RADIUS
 from tests.methods.ship_cases import ESTIMATORS, SENSOR, case
 
 from inercal.estimate import Estimate
-from inercal.methods.fresh import expected, note, poses
+from inercal.methods.prediction_error import expected, note, poses
 from inercal.sensors import G0
 from inercal.sensors.affine import to_affine
 

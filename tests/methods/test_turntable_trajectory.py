@@ -24,7 +24,7 @@ from inercal.methods.turntable import model
 from inercal.methods.turntable.drift import Drift
 from inercal.methods.turntable_kalman import METHOD as FILTERS
 from inercal.methods.turntable_trajectory import _kernels, solved, trajectory
-from inercal.methods.turntable_trajectory.rows import Resting, Turning
+from inercal.methods.turntable_trajectory.rows import RotationRows, StaticRows
 from inercal.recording import Observations, Track
 from inercal.sensors import Sensor
 from inercal.units import Measured
@@ -140,7 +140,7 @@ def test_jacobians_are_those_of_the_residuals(kind: str):
     path = made_by.whole(5.0) if kind == "f" else [("home", (0, 40, 30), 5.0), ("x", 1, 90.0, 30.0)]
     draw = made_by.draw(2, 1, path, hz=50.0)
     whole = track(observations(draw, made))
-    of = Turning if kind == "w" else Resting
+    of = RotationRows if kind == "w" else StaticRows
     part = of.of(model.triad(made, kind, 60.0), bench, whole)
     names = part.part.sensor.coefficients
     theta = np.zeros(len(names))

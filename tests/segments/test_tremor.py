@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 from tests.accuracy.handheld import directions
 
-from inercal.segments.tremor import without_tremor
+from inercal.segments.hand_motion_noise import without_tremor
 from inercal.sensors import imu
 
 Array = NDArray[np.float64]

@@ -15,7 +15,7 @@ import numpy as np
 from inercal.benches.contract import Bench, Simulated, SimulatedMotion
 from inercal.benches.report import Columns, Direction, Plot, Shown, by_mean_motion, row_in_words
 from inercal.benches.sheet import Sheet
-from inercal.data import DataSection, Gathered, Source
+from inercal.data import DataSection, EstimatorInput, Source
 from inercal.errors import InputError
 from inercal.plan import Step
 from inercal.recording import Recording
@@ -251,7 +251,7 @@ class Kind(Generic[B, D]):
     data: type[D]
     build: Callable[[Any, Path], B]
     steps: tuple[type, ...]
-    observe: Callable[[Source[D]], Gathered]
+    observe: Callable[[Source[D]], EstimatorInput]
     simulate: Simulate[B]
     seconds: Callable[[B, Sequence[Any]], float] = sum_of_steps
     words: Vocabulary = Vocabulary()

@@ -19,11 +19,11 @@ from inercal.cli.bench_options import (
 from inercal.cli.show import as_json, as_table, leave, opened, print_written, working
 
 if TYPE_CHECKING:
-    from inercal.host.entering import Keeper
     from inercal.host.folder import Folder
     from inercal.host.journal import Journal
     from inercal.host.live import Live
     from inercal.host.options import Options
+    from inercal.host.registration import RegisterSync
     from inercal.store import Register
 
 NAME = "bench"
@@ -105,10 +105,10 @@ def _go(
 ) -> None:
     """Carry out what is left of a run, and finish it; a register is told of it, if there is one."""
     from inercal.calibration.files import as_object
-    from inercal.host.entering import Keeper
     from inercal.host.finish import finish
+    from inercal.host.registration import RegisterSync
 
-    keeper = Keeper(register, folder.path)
+    keeper = RegisterSync(register, folder.path)
     live = None
     if journal.header().state != "carried out":
         live = _carried_out(folder, journal, options, keeper)
@@ -126,7 +126,7 @@ def _go(
     leave(outcome)
 
 
-def _enter(keeper: "Keeper") -> None:
+def _enter(keeper: "RegisterSync") -> None:
     """Enter a run as it is now; what fails is said, and how to do it later."""
     keeper.enter()
     if keeper.trouble:
@@ -134,14 +134,14 @@ def _enter(keeper: "Keeper") -> None:
 
 
 def _carried_out(
-    folder: "Folder", journal: "Journal", options: "Options", keeper: "Keeper"
+    folder: "Folder", journal: "Journal", options: "Options", keeper: "RegisterSync"
 ) -> "Live | None":
     """Have the plan carried out; return what was found while it was."""
     from inercal.cli.bench_keys import keys
     from inercal.cli.bench_view import viewing
     from inercal.host.addresses import layout_of_address
-    from inercal.host.carry import Interrupted, carried_out
     from inercal.host.compile import compiled
+    from inercal.host.execute import Interrupted, carried_out
 
     with working("compiling what a run needs, once on each machine"):
         compiled(folder.run, layout_of_address(journal.header().imu))

@@ -10,7 +10,7 @@ from inercal.cli.show import number, print_written, require_free
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from inercal.design.known import Known
+    from inercal.design.known import ExpectedUncertainty
     from inercal.runfile import Run
 
 
@@ -46,7 +46,7 @@ def print_sheet_written(files: dict[str, Path]) -> None:
         )
 
 
-def known_as_object(one: "Known") -> dict[str, Any]:
+def known_as_object(one: "ExpectedUncertainty") -> dict[str, Any]:
     """Return a coefficient and its expected uncertainty for JSON, SI."""
     from inercal.sensors import SI_UNITS
 
@@ -54,7 +54,9 @@ def known_as_object(one: "Known") -> dict[str, Any]:
     return {"name": one.name, "std": std, "unit": SI_UNITS[one.unit]}
 
 
-def print_known(run: "Run", parts: Sequence[Sequence["Known"]], console: "Console") -> None:
+def print_known(
+    run: "Run", parts: Sequence[Sequence["ExpectedUncertainty"]], console: "Console"
+) -> None:
     """Print the expected uncertainties, part by part."""
     from rich.table import Table
 

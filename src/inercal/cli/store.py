@@ -185,8 +185,8 @@ def _entered(opened: "Register", path: Path, measured: str | None) -> dict[str, 
     if not path.is_dir():
         numbers = (opened.enter_calibration(path, measured),)
         return _said(path, None, numbers, before)
-    from inercal.host.entering import enter
     from inercal.host.folder import JOURNAL
+    from inercal.host.registration import enter
 
     if (path / JOURNAL).exists():
         number = enter(opened, path)

@@ -28,7 +28,7 @@ def load_recording(run: Source[DataSection]) -> Recording:
     recording = read_recording(
         run.file(run.data.file), columns(run), limits(run.sensor), gyro_file(run)
     )
-    return turned_round(run, recording)
+    return apply_axis_signs(run, recording)
 
 
 def accepted(source: str, finding: Finding | None) -> tuple[Finding, ...]:
@@ -64,7 +64,7 @@ def reversed_axes(run: Source[DataSection]) -> frozenset[str]:
     )
 
 
-def turned_round(run: Source[DataSection], recording: Recording) -> Recording:
+def apply_axis_signs(run: Source[DataSection], recording: Recording) -> Recording:
     """Return the recording with the axes reversed, about their zeros, that the run file says."""
     back = reversed_axes(run)
     if not back:

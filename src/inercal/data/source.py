@@ -89,7 +89,7 @@ class Source(Protocol[D]):
 
 
 @dataclass(frozen=True, eq=False)
-class Gathered:
+class EstimatorInput:
     """What an estimator needs, made from a run's data.
 
     Parameters

@@ -17,7 +17,7 @@ from inercal.sensors import Sensor
 
 
 @dataclass(frozen=True)
-class Known:
+class ExpectedUncertainty:
     """How well a coefficient, or a sum of two, will be known.
 
     Parameters
@@ -74,14 +74,17 @@ def estimate_of_plan(run: Run, rows: str) -> Estimate:
     return estimate
 
 
-def alone(estimate: Estimate, sensor: Sensor) -> tuple[Known, ...]:
+def alone(estimate: Estimate, sensor: Sensor) -> tuple[ExpectedUncertainty, ...]:
     """Return each coefficient of the sensor."""
     # As modelled: by how much one draw of the noise scatters is no matter of the plan.
     std = np.sqrt(np.diagonal(estimate.covariance)[: len(sensor.coefficients)])
     return of_coefficients(sensor, dict(zip(sensor.coefficients, std.tolist(), strict=True)))
 
 
-def of_coefficients(sensor: Sensor, std: Mapping[str, float]) -> tuple[Known, ...]:
+def of_coefficients(sensor: Sensor, std: Mapping[str, float]) -> tuple[ExpectedUncertainty, ...]:
     """Return each coefficient of the sensor, of standard uncertainties by its name, SI."""
     lines = [(name, sensor.coefficient(name)) for name in sensor.coefficients]
-    return tuple(Known(name, line.meaning, line.unit, line.si, std[name]) for name, line in lines)
+    return tuple(
+        ExpectedUncertainty(name, line.meaning, line.unit, line.si, std[name])
+        for name, line in lines
+    )

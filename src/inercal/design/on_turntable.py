@@ -13,7 +13,7 @@ import numpy as np
 from inercal.benches.turntable import Turntable, turntable_of
 from inercal.benches.turntable.attitude import motion
 from inercal.benches.turntable.simulation import Travel, travel
-from inercal.design.known import Known, alone, of_coefficients
+from inercal.design.known import ExpectedUncertainty, alone, of_coefficients
 from inercal.errors import InputError, NotObserved
 from inercal.methods.temperature import require_planless
 from inercal.methods.turntable import model
@@ -58,7 +58,7 @@ class PathSheet:
     ----------
     run : Run
     rows : tuple of Step
-    expected : tuple of Known
+    expected : tuple of ExpectedUncertainty
         Of each coefficient; of those that the path leaves as they were guessed it is NaN.
     undecided : tuple of str
         Directions of the coefficients that the path leaves open, in words.
@@ -66,7 +66,7 @@ class PathSheet:
 
     run: Run
     rows: tuple[Step, ...]
-    expected: tuple[Known, ...]
+    expected: tuple[ExpectedUncertainty, ...]
     undecided: tuple[str, ...]
 
     @property
@@ -146,7 +146,7 @@ def _rows(way: Travel, steps: Sequence[TableStep]) -> tuple[Step, ...]:
 
 def _filtered(
     run: Run, bench: Turntable, track: Track
-) -> tuple[tuple[Known, ...], tuple[str, ...]]:
+) -> tuple[tuple[ExpectedUncertainty, ...], tuple[str, ...]]:
     """Return how well each coefficient will be known, and the directions that are left open."""
     way = follow.WAYS[run.estimator]
     found: dict[str, float] = {}
@@ -166,7 +166,7 @@ def _filtered(
 
 def _estimated(
     run: Run, bench: Turntable, track: Track, sections: Sequence[TableStep | None], way: Travel
-) -> tuple[Known, ...]:
+) -> tuple[ExpectedUncertainty, ...]:
     """Return how well each coefficient will be known by an estimator of the whole path at once."""
     spans = [
         (step, float(start), float(stop))

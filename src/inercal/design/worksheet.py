@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from io import StringIO
 
 from inercal.benches.sheet import Sheet
-from inercal.design.known import Known, alone, estimate_of_plan
+from inercal.design.known import ExpectedUncertainty, alone, estimate_of_plan
 from inercal.errors import InputError
 from inercal.estimate import Estimate
 from inercal.methods.dual_orthogonal.together import together
@@ -21,16 +21,16 @@ class Worksheet:
     ----------
     run : Run
     sheet : Sheet
-    expected : tuple of Known
+    expected : tuple of ExpectedUncertainty
         Of each coefficient.
-    together : tuple of Known
+    together : tuple of ExpectedUncertainty
         Of sums that are known far better than their terms, if the sheet lists sums.
     """
 
     run: Run
     sheet: Sheet
-    expected: tuple[Known, ...]
-    together: tuple[Known, ...]
+    expected: tuple[ExpectedUncertainty, ...]
+    together: tuple[ExpectedUncertainty, ...]
 
 
 def sheet_of(run: Run) -> Sheet:
@@ -87,6 +87,9 @@ def as_csv(made: Worksheet) -> str:
     return text.getvalue()
 
 
-def _together(estimate: Estimate, sensor: Sensor, g: float) -> tuple[Known, ...]:
+def _together(estimate: Estimate, sensor: Sensor, g: float) -> tuple[ExpectedUncertainty, ...]:
     lines = [(one, sensor.coefficient(one.terms[0])) for one in together(estimate, g)]
-    return tuple(Known(one.name, one.meaning, line.unit, line.si, one.sd) for one, line in lines)
+    return tuple(
+        ExpectedUncertainty(one.name, one.meaning, line.unit, line.si, one.sd)
+        for one, line in lines
+    )

@@ -7,7 +7,7 @@ from typing import Literal
 
 from inercal.errors import InercalError
 from inercal.host.guard import Guard
-from inercal.host.listening import Listening
+from inercal.host.imu_receiver import ImuReceiver
 from inercal.host.sequencer import Command, Sequencer
 
 _LOOKS = 0.05  # s of the wall's between two looks at the watchdog
@@ -55,14 +55,14 @@ class Interruptions:
         """Ask for something, from whichever thread; `look` does it."""
         self._asked.put(what)
 
-    def look(self, time: float, imu: Listening, patience: float) -> None:
+    def look(self, time: float, imu: ImuReceiver, patience: float) -> None:
         """Look at what was asked for, at watchdog and IMU: the run pauses, goes on or ends.
 
         Parameters
         ----------
         time : float
             The run's, s.
-        imu : Listening
+        imu : ImuReceiver
         patience : float
             s that it may be gone before the run ends.
         """

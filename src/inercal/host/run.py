@@ -22,23 +22,23 @@ from typing import Literal, Self
 
 from inercal.benches.turntable import turntable_of
 from inercal.errors import InercalError, InputError
-from inercal.host.account import Account
 from inercal.host.addresses import Addresses, layout_of_address, open_imu, open_table
 from inercal.host.assembly.polls import SELDOM
 from inercal.host.clock import Clock, SimulatedClock, WallClock
-from inercal.host.driven import Driven
 from inercal.host.drivers.table import TableFault, TableState
 from inercal.host.folder import Folder
 from inercal.host.guard import Guard
+from inercal.host.imu_receiver import ImuReceiver
 from inercal.host.interlocks import Interlocks
 from inercal.host.interruptions import Interruptions
 from inercal.host.journal import Journal
 from inercal.host.link import LinkLost
-from inercal.host.listening import Listening
 from inercal.host.log import IMU, TABLE
 from inercal.host.options import ORDINARY, Options
+from inercal.host.recorder import RunRecorder
 from inercal.host.sequencer import Command, Sequencer
 from inercal.host.states import pack
+from inercal.host.table_driver import TableDriver
 from inercal.host.tasks import tasks
 
 SHOWN = 0.2  # s of the wall's between two looks at the run
@@ -70,7 +70,7 @@ class BenchRun:
         The run's, s.
     sequencer : Sequencer
     tasks : tuple of Task
-    account : Account
+    account : RunRecorder
         What came, and what was made of it.
 
     Raises
@@ -104,7 +104,7 @@ class BenchRun:
         if options.temperature is not None and "temperature" not in layout.roles:
             raise InputError(f"packets of {layout.name} carry no temperature that could be watched")
         with ExitStack() as opened:
-            self.account = opened.enter_context(Account(folder, journal, layout))
+            self.account = opened.enter_context(RunRecorder(folder, journal, layout))
             self._clock = _clock(addresses, options, journal)
             opened.callback(self._clock.close)
             self._table = opened.enter_context(open_table(addresses.table, bench))
@@ -113,13 +113,13 @@ class BenchRun:
             patience = _SIMULATED if addresses.clock else _PATIENCE
             self._guard = opened.enter_context(Guard(addresses.table, patience=patience))
             self._interruptions = Interruptions(self.sequencer, self._guard, self._stop, self._say)
-            self._driven = Driven(self._table, self._guard, self._clock.now, self._say)
+            self._driven = TableDriver(self._table, self._guard, self._clock.now, self._say)
             # A simulated bench stands still from here on: the port opens between two packets.
             clock, now = self._clock, self._clock.now()
             clock.begin(now)
             tick = clock.end()
             waits = bool(addresses.clock)
-            self._imu = Listening(partial(open_imu, addresses.imu, clock.now, waits=waits), tick)
+            self._imu = ImuReceiver(partial(open_imu, addresses.imu, clock.now, waits=waits), tick)
             opened.callback(self._imu.close)
             journal.put_state("running")
             self._opened = opened.pop_all()

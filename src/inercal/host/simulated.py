@@ -17,7 +17,7 @@ from inercal.host.compile import compiled
 from inercal.host.packets import read_layout
 from inercal.host.sim import motion_link
 from inercal.host.sim.bench import COUNTS
-from inercal.host.sim.drawn import draw
+from inercal.host.sim.errors import draw
 from inercal.runfile import Run, read
 
 # So seldom minutes pass in seconds; at 15 °/s² angles between are within some arcseconds.

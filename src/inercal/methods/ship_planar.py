@@ -24,7 +24,7 @@ from inercal.benches.rate_table.bench import RateTable, felt
 from inercal.benches.rate_table.fixture import PLANES, planar_plan, tilted
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate, Gaussian, NullDirection
-from inercal.methods import fresh, vectors
+from inercal.methods import prediction_error, vectors
 from inercal.methods._base import Method
 from inercal.methods.observed import require_observed
 from inercal.methods.ship_consistency import Consistency, by_stated, consistency, of_rows
@@ -245,6 +245,6 @@ METHOD = Method(
     needs=("f",),
     plan=planar_plan,
     estimators={"planar": planar},
-    remarks=fresh.remarks,
+    remarks=prediction_error.remarks,
     source="Xiao, Liu and Liu, Transducer and Microsystem Technologies 33(10), 2014",
 )

@@ -21,7 +21,7 @@ from inercal.benches.kind import Kind
 from inercal.calibration import Calibration, Frame
 from inercal.calibration.grade import Verdict
 from inercal.calibration.verdict import verdict
-from inercal.data import Gathered, load
+from inercal.data import EstimatorInput, load
 from inercal.data.load import columns, gyro_file, readback_columns
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate
@@ -232,7 +232,7 @@ def calibrate(
     )
 
 
-def _found(gathered: Gathered) -> str:
+def _found(gathered: EstimatorInput) -> str:
     """Return what was found of the rests, for a refusal that they may be the cause of."""
     said = [finding.message for finding in gathered.findings if finding.what == "missing"]
     if gathered.rests is not None:
@@ -327,7 +327,7 @@ def apply(calibration: Calibration, run: Run | str | Path) -> Recording:
     )
 
 
-def _at_one_temperature(gathered: Gathered, sensor: Sensor, error: NotObserved) -> str:
+def _at_one_temperature(gathered: EstimatorInput, sensor: Sensor, error: NotObserved) -> str:
     """Return what coefficients of temperature lack, where a refusal names one."""
     t = gathered.observations.temperature
     if t is None or not set(coefficients(sensor)) & set(" ".join(error.directions).split()):
@@ -339,7 +339,7 @@ def _at_one_temperature(gathered: Gathered, sensor: Sensor, error: NotObserved) 
     )
 
 
-def _temperature(gathered: Gathered) -> dict[str, str]:
+def _temperature(gathered: EstimatorInput) -> dict[str, str]:
     recording = gathered.recording
     t = gathered.observations.temperature if recording is None else recording.temperature
     if t is None:

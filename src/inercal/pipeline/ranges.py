@@ -11,11 +11,11 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.calibration import Validity
 from inercal.calibration.validity import Range
-from inercal.data import Gathered
+from inercal.data import EstimatorInput
 from inercal.sensors import Sensor
 
 
-def validity(sensor: Sensor, gathered: Gathered) -> Validity:
+def validity(sensor: Sensor, gathered: EstimatorInput) -> Validity:
     """Return the ranges of the data that were used, None where nothing measured them."""
     return Validity(
         rate=_range(_readings(sensor, gathered, "w")),
@@ -33,7 +33,7 @@ def _range(parts: Iterator[Array]) -> Range | None:
     return (low, high) if low <= high else None
 
 
-def _readings(sensor: Sensor, gathered: Gathered, kind: str) -> Iterator[Array]:
+def _readings(sensor: Sensor, gathered: EstimatorInput, kind: str) -> Iterator[Array]:
     """Yield the readings of the axes of a kind, SI."""
     observations = gathered.observations
     at = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind]
@@ -48,7 +48,7 @@ def _readings(sensor: Sensor, gathered: Gathered, kind: str) -> Iterator[Array]:
             yield sensor.to_si(passages.output[start : stop + 1])[:, at]
 
 
-def _temperatures(gathered: Gathered) -> Iterator[Array]:
+def _temperatures(gathered: EstimatorInput) -> Iterator[Array]:
     """Yield the temperatures of the sections that were used, K; between them where they are."""
     recording, marks, observations = gathered.recording, gathered.marks, gathered.observations
     if recording is None and observations.temperature is not None:

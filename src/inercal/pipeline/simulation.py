@@ -7,11 +7,11 @@ import numpy as np
 
 from inercal.benches.contract import SimulatedMotion
 from inercal.data.load import (
+    apply_axis_signs,
     columns,
     limits,
     readback_columns,
     readback_units,
-    turned_round,
 )
 from inercal.errors import InputError
 from inercal.motion import Motion
@@ -121,7 +121,7 @@ def named_as_in(run: Run, recording: Recording) -> Recording:
     if run.data.gyro_file is not None:
         raise InputError(f"{run.path}: [data] gyro_file: a simulation is one file; leave it out")
     named = {axis: column for axis, column, _ in columns(run).channels}
-    recording = turned_round(run, recording)
+    recording = apply_axis_signs(run, recording)
     readback = {
         column: recording.readback[name] / readback_units(run)[name]
         for name, column, _ in columns(run).readback

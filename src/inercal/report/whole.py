@@ -19,7 +19,7 @@ from inercal.arrays import Array
 from inercal.benches.turntable import is_turntable
 from inercal.methods.turntable import model
 from inercal.methods.turntable_trajectory import METHOD
-from inercal.methods.turntable_trajectory.rows import Resting, Turning
+from inercal.methods.turntable_trajectory.rows import RotationRows, StaticRows
 from inercal.pipeline import Outcome
 from inercal.report import drawing
 from inercal.report.drawing import BAND, FAINT, svg
@@ -52,12 +52,12 @@ def by_step(outcome: Outcome) -> tuple[ByStep, ...]:
     kinds = {axis.measures for axis in sensor.axes}
     whitened, found, at = outcome.estimate.whitened, list[ByStep](), 0
     if "w" in kinds:
-        time = track.time[Turning.of(model.triad(sensor, "w"), bench, track).epochs[1:]]
+        time = track.time[RotationRows.of(model.triad(sensor, "w"), bench, track).epochs[1:]]
         rows = whitened[: 3 * time.size].reshape(-1, 3)
         found.append(_split("Gyros", ("east", "north", "up"), time, rows, outcome))
         at = 3 * time.size
     if "f" in kinds:
-        resting = Resting.of(model.triad(sensor, "f"), bench, track)
+        resting = StaticRows.of(model.triad(sensor, "f"), bench, track)
         names = resting.part.sensor.channels
         rows = whitened[at:].reshape(-1, 3)
         found.append(_split("Accelerometers", names, resting.time, rows, outcome))

@@ -3,7 +3,7 @@
 from itertools import groupby
 
 from inercal.calibration.verdict import COVERAGE
-from inercal.design.known import Known
+from inercal.design.known import ExpectedUncertainty
 from inercal.design.worksheet import Worksheet
 from inercal.report.templates import render
 from inercal.units import digits
@@ -27,5 +27,5 @@ def page(made: Worksheet, table: str) -> str:
     )
 
 
-def _cells(one: Known) -> tuple[str, str, str, str]:
+def _cells(one: ExpectedUncertainty) -> tuple[str, str, str, str]:
     return one.name, one.meaning, digits(0.0, COVERAGE * one.std / one.size)[1], one.unit

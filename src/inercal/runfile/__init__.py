@@ -39,7 +39,7 @@ from inercal.runfile.priors import prior_from, static_prior
 from inercal.runfile.reading import apart
 from inercal.runfile.schema import MethodSection, RunSchema, schema_of
 from inercal.runfile.search import searching
-from inercal.runfile.wording import unknown_kind, worded
+from inercal.runfile.validation_errors import unknown_kind, worded
 from inercal.sensors import Sensor
 from inercal.settings import si_value
 

@@ -8,9 +8,8 @@ from inercal.segments.dwells import average_dwells, find_dwells
 from inercal.segments.halves import jumps, within_rests
 from inercal.segments.levels import scatter
 from inercal.segments.marks import check_marks, marks_from_labels
-from inercal.segments.passages import between_rests
 from inercal.segments.rests import FoundRests, find_rests, judged_levels
-from inercal.segments.stands import find_stands, left_out
+from inercal.segments.stationary_states import find_stands, left_out
 from inercal.segments.stillness import require_still
 from inercal.segments.table_steps import (
     Turned,
@@ -19,6 +18,7 @@ from inercal.segments.table_steps import (
     long_enough,
     numbered_holds,
 )
+from inercal.segments.transitions import between_rests
 
 __all__ = [
     "FoundRests",

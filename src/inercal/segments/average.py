@@ -18,8 +18,8 @@ from inercal.plan import Rotation, Step, Turn
 from inercal.recording import Mark, Observations, Recording
 from inercal.segments.attitudes import FLAWS
 from inercal.segments.drift import drift_covariance
+from inercal.segments.hand_motion_noise import freedom, without_tremor
 from inercal.segments.stillness import require_still
-from inercal.segments.tremor import freedom, without_tremor
 from inercal.segments.warming import Sections, steadied
 from inercal.segments.within import Within, drift_in_words, within
 from inercal.sensors import Sensor
@@ -50,7 +50,7 @@ def observe(
     steps : sequence of Step
     by_hand : bool
         The sensor trembles: the accelerometers' noise is judged along gravity
-        (`inercal.segments.tremor`). Without a trial axis.
+        (`inercal.segments.hand_motion_noise`). Without a trial axis.
     found : bool
         The sections were judged to be at rest already: they were found by how they scatter, or
         `require_still` has judged them.

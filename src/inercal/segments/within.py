@@ -14,7 +14,7 @@ from inercal.arrays import Array
 from inercal.estimate import Test
 from inercal.estimate.correlation import WHITE, Correlation
 from inercal.estimate.sections import Judged, contrasts, judge
-from inercal.segments.tremor import along_gravity
+from inercal.segments.hand_motion_noise import along_gravity
 from inercal.sensors import G0, Noise, Sensor
 
 _KINDS = {"f": "accelerometers", "w": "gyros"}

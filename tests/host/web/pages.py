@@ -19,11 +19,11 @@ from websockets.sync.client import ClientConnection, connect
 from inercal.host.options import Options
 from inercal.host.web.access import Access
 from inercal.host.web.choice import Choice
-from inercal.host.web.going import Going
 from inercal.host.web.hub import Hub
-from inercal.host.web.order import Order
+from inercal.host.web.order import RunRequest
 from inercal.host.web.plans import Plans
-from inercal.host.web.refused import Refused
+from inercal.host.web.refusal_log import RefusalLog
+from inercal.host.web.run_process import RunProcess
 from inercal.host.web.runs import Runs
 from inercal.host.web.server import Server, listening, made
 
@@ -35,9 +35,9 @@ SCRIPT = (sys.executable, str(Path(__file__).with_name("scripted_worker.py")))
 SIMULATED = {"table": {"id": "simulated"}, "imu": {"id": "simulated"}}
 
 
-def scripted(order: Order) -> Going:
+def scripted(order: RunRequest) -> RunProcess:
     """Start the scripted run."""
-    return Going(order, SCRIPT)
+    return RunProcess(order, SCRIPT)
 
 
 class Page:
@@ -151,7 +151,7 @@ class Served(AbstractContextManager["Served"]):
         self,
         folder: Path,
         token: str | None = None,
-        start: Callable[[Order], Going] = scripted,
+        start: Callable[[RunRequest], RunProcess] = scripted,
         table: str = "",
         options: Options = HURRIED,
     ):
@@ -166,7 +166,7 @@ class Served(AbstractContextManager["Served"]):
         self.port: int = self.socket.getsockname()[1]
         self.host = f"127.0.0.1:{self.port}"
         self.access = Access(frozenset((self.host,)) if token is None else frozenset(), token)
-        refused = Refused(self.refused.append)
+        refused = RefusalLog(self.refused.append)
         self.server: Server = made(self.hub, self.register, self.access, refused)
         self._up = Event()
         self._loop: asyncio.AbstractEventLoop | None = None

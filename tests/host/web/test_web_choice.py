@@ -15,9 +15,9 @@ from inercal.host.options import Options
 from inercal.host.web import choice
 from inercal.host.web.access import Access, is_loopback
 from inercal.host.web.choice import Choice, Chosen
-from inercal.host.web.order import Order, Simulated, inhabited, note, noted, renamed
+from inercal.host.web.order import RunRequest, Simulated, inhabited, note, noted, renamed
 from inercal.host.web.plans import Plans
-from inercal.host.web.refused import Handler, Refused
+from inercal.host.web.refusal_log import Handler, RefusalLog
 from inercal.host.web.server import hosts
 
 SIMULATED = {"id": "simulated"}
@@ -152,10 +152,12 @@ def test_plans_that_are_none_are_listed_with_their_trouble(tmp_path: Path):
 
 
 def test_an_order_comes_through_as_it_was_given():
-    order = Order("/runs/a", "/plans/p.toml", "MIMU", "Ada", "t", "i", "c", "fixed", 7, 2.0, "r")
-    assert Order.of(order.line) == order
+    order = RunRequest(
+        "/runs/a", "/plans/p.toml", "MIMU", "Ada", "t", "i", "c", "fixed", 7, 2.0, "r"
+    )
+    assert RunRequest.of(order.line) == order
     watched = replace(order, temperature=(288.15, 313.15), patience=30.0)
-    assert Order.of(watched.line) == watched
+    assert RunRequest.of(watched.line) == watched
     assert watched.options == Options(2.0, (288.15, 313.15), 30.0)
     for line in (
         "",
@@ -165,7 +167,7 @@ def test_an_order_comes_through_as_it_was_given():
         '{"folder": "x", "temperature": 3}',
     ):
         with pytest.raises(InputError, match="no order"):
-            Order.of(line)
+            RunRequest.of(line)
 
 
 def test_a_note_tells_who_drives_a_run_as_long_as_it_lives(tmp_path: Path):
@@ -185,7 +187,7 @@ def test_a_note_tells_who_drives_a_run_as_long_as_it_lives(tmp_path: Path):
 def test_refusals_are_said_now_and_then_with_how_many_there_were():
     lines: list[str] = []
     now = 0.0
-    refused = Refused(lines.append, lambda: now)
+    refused = RefusalLog(lines.append, lambda: now)
     for k in range(100):
         refused("1.2.3.4", f"{k}")
     assert len(lines) == 20
@@ -197,7 +199,7 @@ def test_refusals_are_said_now_and_then_with_how_many_there_were():
 def test_what_fails_in_the_web_server_is_one_line():
     lines: list[str] = []
     logger = logging.Logger("server")
-    logger.addHandler(Handler(Refused(lines.append)))
+    logger.addHandler(Handler(RefusalLog(lines.append)))
     for _ in range(100):
         try:
             int("one\ntwo")

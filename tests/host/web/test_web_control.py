@@ -8,7 +8,7 @@ from inercal.host.run import BenchRun
 from inercal.host.web.control import Control
 
 
-class Heard:
+class ReceivedBytes:
     """What a run is asked."""
 
     def __init__(self):
@@ -19,7 +19,7 @@ class Heard:
 
 
 def test_what_is_asked_before_there_is_a_run_is_handed_on_in_order():
-    control, run = Control(), Heard()
+    control, run = Control(), ReceivedBytes()
     for words in ("pause", "nonsense", "go on", "abort"):
         control.command(words)
     control.attach(cast(BenchRun, run))
@@ -28,7 +28,7 @@ def test_what_is_asked_before_there_is_a_run_is_handed_on_in_order():
 
 
 def test_a_signal_ends_what_moves_nothing_and_else_stops_the_run():
-    control, run = Control(), Heard()
+    control, run = Control(), ReceivedBytes()
     with pytest.raises(KeyboardInterrupt):
         control.interrupt()
     control.attach(cast(BenchRun, run))

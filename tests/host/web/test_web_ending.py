@@ -12,9 +12,9 @@ from inercal.errors import InercalError
 from inercal.host.folder import JOURNAL
 from inercal.host.journal import Journal
 from inercal.host.web import carry
-from inercal.host.web.carry import Carrying
+from inercal.host.web.carry import RunController
 from inercal.host.web.control import Control
-from inercal.host.web.order import Order, cut_short
+from inercal.host.web.order import RunRequest, cut_short
 from inercal.host.web.publish import Publisher
 
 NOBODY = "127.0.0.1:1"
@@ -29,10 +29,10 @@ def publisher() -> Iterator[Publisher]:
 
 
 @pytest.fixture
-def order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Order:
+def order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> RunRequest:
     """Return the order of a new run on devices that are not there."""
     monkeypatch.setattr(carry, "compiled", lambda *_: None)
-    return Order(
+    return RunRequest(
         str(tmp_path / "run"),
         str(files("inercal").joinpath("demo.toml")),
         table=f"pmac://{NOBODY}?motors=1,2,3&counts=3600000",
@@ -41,13 +41,15 @@ def order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Order:
     )
 
 
-def failed(order: Order, publisher: Publisher) -> str:
+def failed(order: RunRequest, publisher: Publisher) -> str:
     with pytest.raises(InercalError) as error:
-        Carrying(order, publisher, Control()).carry_out()
+        RunController(order, publisher, Control()).carry_out()
     return str(error.value)
 
 
-def test_a_new_run_whose_devices_are_not_there_is_not_begun(order: Order, publisher: Publisher):
+def test_a_new_run_whose_devices_are_not_there_is_not_begun(
+    order: RunRequest, publisher: Publisher
+):
     words = failed(order, publisher)
     assert NOBODY in words
     done = cut_short(order, words)
@@ -56,7 +58,7 @@ def test_a_new_run_whose_devices_are_not_there_is_not_begun(order: Order, publis
 
 
 def test_packets_without_a_temperature_are_refused_where_it_is_to_be_watched(
-    order: Order, publisher: Publisher
+    order: RunRequest, publisher: Publisher
 ):
     order = replace(
         order, imu=f"tcp://{NOBODY}?preset=novatel", temperature=(288.15, 313.15), patience=30.0
@@ -67,7 +69,7 @@ def test_packets_without_a_temperature_are_refused_where_it_is_to_be_watched(
 
 
 def test_a_run_that_would_go_on_and_finds_no_devices_stays_interrupted(
-    order: Order, publisher: Publisher
+    order: RunRequest, publisher: Publisher
 ):
     folder = Path(order.folder)
     folder.mkdir()

@@ -13,7 +13,7 @@ from tests.store.generator import ten
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from inercal.host.web.connections import MOST as CONNECTIONS
-from inercal.host.web.people import MOST as VIEWERS
+from inercal.host.web.viewers import MOST as VIEWERS
 from inercal.store import History, Register
 
 HUGE = 100_000_000  # bytes

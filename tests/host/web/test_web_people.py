@@ -16,8 +16,8 @@ from inercal.host.folder import JOURNAL, LOG
 from inercal.host.journal import Journal
 from inercal.host.log import Log
 from inercal.host.options import Options
-from inercal.host.web import app, going, hub, people
-from inercal.host.web.order import NOTE, Order, note
+from inercal.host.web import app, hub, run_process, viewers
+from inercal.host.web.order import NOTE, RunRequest, note
 from inercal.host.web.runs import RunThere
 
 
@@ -96,7 +96,7 @@ def test_every_viewer_hears_the_server_beat_while_nothing_goes_on(
 
 
 def test_of_people_and_beats_a_slow_viewer_is_told_the_latest():
-    viewer = people.Viewer(1, None)
+    viewer = viewers.Viewer(1, None)
     for k in range(100):
         viewer.send("people", f"people {k}")
         viewer.send("beat", "beat")
@@ -117,14 +117,14 @@ def test_an_operator_who_stays_away_is_followed_by_another(
         page.operate("Ada")
     with served.page() as other:
         other.until("people", operator="Ada", viewers=1)
-        monkeypatch.setattr(people, "GONE", 0.0)
+        monkeypatch.setattr(viewers, "GONE", 0.0)
         other.operate("Bob")
 
 
 def test_all_are_told_when_the_place_of_an_operator_who_stays_away_is_free(
     served: Served, ada: Page, monkeypatch: pytest.MonkeyPatch
 ):
-    for module in (people, hub):
+    for module in (viewers, hub):
         monkeypatch.setattr(module, "GONE", 0.1)
     with served.page() as other:
         other.until("people", operator="Ada", viewers=2)
@@ -136,7 +136,7 @@ def test_all_are_told_when_the_place_of_an_operator_who_stays_away_is_free(
 def test_after_a_while_an_operators_browser_has_to_take_the_place_again(
     served: Served, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(people, "GONE", 0.0)
+    monkeypatch.setattr(viewers, "GONE", 0.0)
     cookies = served.viewer("of-this-browser")
     with served.page(cookies=cookies) as page:
         page.operate("Ada")
@@ -247,9 +247,9 @@ def test_commands_of_the_operator_reach_the_run(served: Served, ada: Page):
 
 
 def test_limits_that_the_server_was_given_are_those_of_each_run(tmp_path: Path):
-    orders: list[Order] = []
+    orders: list[RunRequest] = []
 
-    def start(order: Order) -> going.Going:
+    def start(order: RunRequest) -> run_process.RunProcess:
         orders.append(order)
         return scripted(order)
 
@@ -303,7 +303,7 @@ def test_a_process_that_cannot_be_started_is_said_and_what_was_shown_stays(
     def fails(*_: object, **__: object) -> None:
         raise OSError(EMFILE, os.strerror(EMFILE))
 
-    monkeypatch.setattr(going, "Popen", fails)
+    monkeypatch.setattr(run_process, "Popen", fails)
     ada.say("start", plan="demo", sensor=None, **SIMULATED)
     words = ada.until("refused")["words"]
     assert words == "the run's process cannot be started: Too many open files"

@@ -15,8 +15,8 @@ from tests.host.sections import sections_done
 from tests.host.web.pages import COMPILING, RUNNING, SIMULATED, Page, Served, opened
 
 from inercal.host.journal import Journal
-from inercal.host.web.going import Going
-from inercal.host.web.order import Order, inhabited
+from inercal.host.web.order import RunRequest, inhabited
+from inercal.host.web.run_process import RunProcess
 from inercal.store import Register
 
 pytestmark = pytest.mark.slow
@@ -135,9 +135,9 @@ def test_a_server_started_anew_finds_the_run_stops_it_resumes_it_and_ends_with_i
     assert words.count("stopped by the operator") == 2
 
 
-def hurried(order: Order) -> Going:
+def hurried(order: RunRequest) -> RunProcess:
     """Start a run on a bench that is 30 times as fast as a real one."""
-    return Going(replace(order, speed=30.0))
+    return RunProcess(replace(order, speed=30.0))
 
 
 def test_any_viewer_stops_the_table_and_the_operator_may_resume(tmp_path: Path):

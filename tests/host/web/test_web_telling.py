@@ -7,15 +7,15 @@ from time import monotonic
 
 import pytest
 
-from inercal.host.web.kept import Kept
-from inercal.host.web.lanes import Lanes
+from inercal.host.web.dropping_queue import DroppingQueue
+from inercal.host.web.message_history import MessageHistory
 from inercal.host.web.publish import Publisher
 
 PATIENCE = 20.0  # s
 
 
 def test_of_what_waits_the_oldest_pictures_give_way_and_the_order_stays():
-    lanes: Lanes[int] = Lanes(most=2)
+    lanes: DroppingQueue[int] = DroppingQueue(most=2)
     for k in range(10):
         lanes.put(k, sure=k % 3 == 0)
     taken = [lanes.take() for _ in range(7)]
@@ -100,7 +100,7 @@ def test_what_is_told_last_is_written_before_the_end():
 
 
 def kept(*messages: tuple[str, str]) -> list[str]:
-    made = Kept()
+    made = MessageHistory()
     for kind, text in messages:
         made.keep(kind, text)
     return list(made.all())

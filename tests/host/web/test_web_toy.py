@@ -15,8 +15,8 @@ from tests.host.web.pages import COMPILING, RUNNING, SIMULATED, Served
 
 from inercal.calibration import Calibration
 from inercal.calibration.files import load
-from inercal.host.web.going import Going
-from inercal.host.web.order import Order
+from inercal.host.web.order import RunRequest
+from inercal.host.web.run_process import RunProcess
 from inercal.methods import METHODS
 from inercal.pipeline import calibrate
 from inercal.runfile import read
@@ -66,8 +66,8 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Whole]:
                 yield Whole(page.heard, load(left / "plan.calibration.json"), again)
 
 
-def seeded(order: Order) -> Going:
-    return Going(replace(order, seed=3, speed=50.0))
+def seeded(order: RunRequest) -> RunProcess:
+    return RunProcess(replace(order, seed=3, speed=50.0))
 
 
 def test_a_run_by_a_method_from_outside_ends_well(whole: Whole):

@@ -14,8 +14,8 @@ from tests.host.web.pages import COMPILING, RUNNING, SIMULATED, Served, sockets
 from websockets.exceptions import InvalidStatus
 
 from inercal.calibration.files import load
-from inercal.host.web.going import Going
-from inercal.host.web.order import Order
+from inercal.host.web.order import RunRequest
+from inercal.host.web.run_process import RunProcess
 from inercal.pipeline import calibrate
 from inercal.runfile import read
 from inercal.store import Register
@@ -55,9 +55,9 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Whole:
         return Whole(page.heard, folder / "runs" / run, served.register, answers)
 
 
-def seeded(order: Order) -> Going:
+def seeded(order: RunRequest) -> RunProcess:
     """Start a run on a bench that is the same whenever this is tested."""
-    return Going(replace(order, seed=3, speed=50.0))
+    return RunProcess(replace(order, seed=3, speed=50.0))
 
 
 def send_nonsense(served: Served) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.benches.centrifuge.settings import CentrifugeData
-from inercal.data import Gathered, Source
+from inercal.data import EstimatorInput, Source
 from inercal.data.load import (
     accepted,
     columns,
@@ -29,7 +29,7 @@ from inercal.units import readable
 _HARMONICS = 2  # of a reading quadratic in what is felt; a cubic one has a third
 
 
-def observe(run: Source[CentrifugeData]) -> Gathered:
+def observe(run: Source[CentrifugeData]) -> EstimatorInput:
     """Return the observations of a run on a centrifuge.
 
     Raises
@@ -64,7 +64,9 @@ def observe(run: Source[CentrifugeData]) -> Gathered:
     return replace(made, findings=made.findings + accepted(run.data.file, odd))
 
 
-def _odd_norm(run: Source[CentrifugeData], bench: Centrifuge, made: Gathered) -> Finding | None:
+def _odd_norm(
+    run: Source[CentrifugeData], bench: Centrifuge, made: EstimatorInput
+) -> Finding | None:
     """Return what is odd with the readings' norms against those of radius, rate and gravity."""
     rates = np.array([step.rate for step in made.steps if isinstance(step, Spin)])
     if not rates.size or bench.platform != "locked":
@@ -82,7 +84,7 @@ def _odd_norm(run: Source[CentrifugeData], bench: Centrifuge, made: Gathered) ->
     return finding if finding is not None and finding.severity == "refused" else None
 
 
-def _table(run: Source[CentrifugeData], bench: Centrifuge) -> Gathered:
+def _table(run: Source[CentrifugeData], bench: Centrifuge) -> EstimatorInput:
     if bench.platform != "locked":
         raise InputError(
             f"{run.path}: [bench] platform {bench.platform} takes a recording: the means of its "
@@ -124,10 +126,10 @@ def _table(run: Source[CentrifugeData], bench: Centrifuge) -> Gathered:
         Spin(label, rate, 0.0, attitude)
         for label, rate, attitude in zip(labels, rates.tolist(), attitudes, strict=True)
     )
-    return Gathered(None, (), observations, steps, steps, (), _conditions(bench))
+    return EstimatorInput(None, (), observations, steps, steps, (), _conditions(bench))
 
 
-def _recording(run: Source[CentrifugeData], bench: Centrifuge) -> Gathered:
+def _recording(run: Source[CentrifugeData], bench: Centrifuge) -> EstimatorInput:
     recording, units = load_recording(run), readback_units(run)
     recording = replace(
         recording,
@@ -146,7 +148,9 @@ def _recording(run: Source[CentrifugeData], bench: Centrifuge) -> Gathered:
     observations, steps = average_dwells(recording, run.sensor, dwells, harmonics, bench.sense)
     marks = tuple(dwell.mark for dwell in dwells)
     findings = recording.findings + left_out
-    return Gathered(recording, marks, observations, steps, steps, findings, _conditions(bench))
+    return EstimatorInput(
+        recording, marks, observations, steps, steps, findings, _conditions(bench)
+    )
 
 
 def _conditions(bench: Centrifuge) -> dict[str, str]:

@@ -13,7 +13,7 @@ from inercal.benches.dividing_head.bench import DividingHead
 from inercal.benches.dividing_head.checks import require_phases, require_small, tell_apart
 from inercal.benches.dividing_head.passes import CARDINAL, SAME, lacking, near, pass_names, places
 from inercal.benches.dividing_head.settings import DividingHeadData
-from inercal.data import Gathered, Source
+from inercal.data import EstimatorInput, Source
 from inercal.data.load import (
     columns,
     load_recording,
@@ -35,7 +35,7 @@ from inercal.segments import observe as averaged
 from inercal.units import readable
 
 
-def observe(run: Source[DividingHeadData]) -> Gathered:
+def observe(run: Source[DividingHeadData]) -> EstimatorInput:
     """Return the observations of a run on a dividing head.
 
     Raises
@@ -60,7 +60,7 @@ _FEW = 4  # positions may well lie within 6.28°
 _TURNS = 60.0  # rad; no run turns so often
 
 
-def _table(run: Source[DividingHeadData], bench: DividingHead) -> Gathered:
+def _table(run: Source[DividingHeadData], bench: DividingHead) -> EstimatorInput:
     named, units = readback_columns(run), readback_units(run)
     wanted = columns(run)
     path = run.file(run.data.file)
@@ -85,7 +85,7 @@ def _table(run: Source[DividingHeadData], bench: DividingHead) -> Gathered:
     labels = tuple(step.label for step in steps)
     durations = np.ones(len(labels))  # nothing depends on them
     observations = means_of(path, table, labels, wanted, run.sensor, stated_sd(run), durations)
-    return Gathered(None, (), observations, steps, steps, ())
+    return EstimatorInput(None, (), observations, steps, steps, ())
 
 
 _WANTED = {
@@ -116,7 +116,7 @@ def _require_unit(run: Source[DividingHeadData], angle: Array) -> None:
         )
 
 
-def _recording(run: Source[DividingHeadData]) -> Gathered:
+def _recording(run: Source[DividingHeadData]) -> EstimatorInput:
     recording, units = load_recording(run), readback_units(run)
     said = {name: values * units[name] for name, values in recording.readback.items()}
     found = run.data.marks == "found"
@@ -129,7 +129,7 @@ def _recording(run: Source[DividingHeadData]) -> Gathered:
     marks = tuple(replace(m, label=step.label) for m, step in zip(marks, steps, strict=True))
     observations = averaged(recording, run.sensor, marks, steps, found=True)
     findings = recording.findings + moving
-    return Gathered(recording, marks, observations, steps, steps, findings)
+    return EstimatorInput(recording, marks, observations, steps, steps, findings)
 
 
 def _means(values: Array, marks: Sequence[Mark]) -> Array:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from inercal.benches.hand.bench import Hand
-from inercal.data import Gathered, RestsSection, Source
+from inercal.data import EstimatorInput, RestsSection, Source
 from inercal.data.load import (
     accepted,
     columns,
@@ -48,7 +48,7 @@ _BY_READINGS = (
 )
 
 
-def observe(run: Source[RestsSection]) -> Gathered:
+def observe(run: Source[RestsSection]) -> EstimatorInput:
     """Return the observations of a run by hand.
 
     Raises
@@ -81,7 +81,7 @@ def observe(run: Source[RestsSection]) -> Gathered:
     if not run.method.free:
         findings += check_against_plan(observations, sensor, steps, bench.gravity.value)
     conditions = _conditions(run, bench)
-    return Gathered(recording, marks, observations, plan, steps, findings, conditions, rests)
+    return EstimatorInput(recording, marks, observations, plan, steps, findings, conditions, rests)
 
 
 def audit(recording: Recording, sensor: Sensor, bench: Hand) -> Recording:

@@ -13,7 +13,7 @@ from inercal.benches.rate_table.bench import RateTable, mountings, speeds
 from inercal.benches.rate_table.checks import require_axes, require_rates, require_unit
 from inercal.benches.rate_table.fixture import PLANES, Plane, mounting
 from inercal.benches.rate_table.settings import RateTableData
-from inercal.data import Gathered, Source
+from inercal.data import EstimatorInput, Source
 from inercal.data.load import (
     columns,
     load_recording,
@@ -38,7 +38,7 @@ _NAME = re.compile(rf"({'|'.join(PLANES)})(?:[ _]*{_ANGLE}(?:\s*\+\s*{_ANGLE})?)
 _MOST_TILT = 360.0  # °
 
 
-def observe(run: Source[RateTableData]) -> Gathered:
+def observe(run: Source[RateTableData]) -> EstimatorInput:
     """Return the observations of a run on a rate table.
 
     Raises
@@ -56,7 +56,7 @@ def observe(run: Source[RateTableData]) -> Gathered:
     return replace(made, conditions=_conditions(bench, steps))
 
 
-def _table(run: Source[RateTableData]) -> Gathered:
+def _table(run: Source[RateTableData]) -> EstimatorInput:
     named, units = readback_columns(run), readback_units(run)
     wanted = columns(run)
     path = run.file(run.data.file)
@@ -78,7 +78,7 @@ def _table(run: Source[RateTableData]) -> Gathered:
         for label, rate, pose in zip(labels, rates.tolist(), poses, strict=True)
     )
     used = [where, named["arm_rate"], *(name for _, name, _ in wanted.channels)]
-    return Gathered(None, (), observations, steps, steps, _twice(path, table, used))
+    return EstimatorInput(None, (), observations, steps, steps, _twice(path, table, used))
 
 
 def _twice(path: Path, table: Table, used: Sequence[str]) -> tuple[Finding, ...]:
@@ -93,7 +93,7 @@ def _twice(path: Path, table: Table, used: Sequence[str]) -> tuple[Finding, ...]
     return tuple(found)
 
 
-def states_of(run: Source[RateTableData], recording: Recording) -> Gathered:
+def states_of(run: Source[RateTableData], recording: Recording) -> EstimatorInput:
     """Reduce a recording: rests as they are, what turns over whole turns once it is steady.
 
     Parameters
@@ -126,7 +126,7 @@ def states_of(run: Source[RateTableData], recording: Recording) -> Gathered:
         steps.append(replace(step, attitude=pose))
     flawed += also
     findings = recording.findings + flawed + left_out(recording, marks, flawed)
-    return Gathered(recording, marks, observations, tuple(steps), tuple(steps), findings)
+    return EstimatorInput(recording, marks, observations, tuple(steps), tuple(steps), findings)
 
 
 def _pose(text: str, where: str) -> Attitude:

@@ -28,18 +28,18 @@ RESTED = 5.0  # s of a gap through which a table is taken to stand that stood on
 SAME = 5e-5  # rad, 10″
 
 
-class Known(NamedTuple):
+class PollHistory(NamedTuple):
     """Polls in the order of time; the oldest are let go."""
 
     time: Array  # (n,) s by the table's clock, counted on
     angle: Array  # (n, k) rad; NaN while a table seeks its zero
     settled: NDArray[np.bool_]  # (n,)
 
-    def where(self, rows: "NDArray[np.bool_] | slice") -> "Known":
+    def where(self, rows: "NDArray[np.bool_] | slice") -> "PollHistory":
         """Return some of them."""
         return self._make(column[rows] for column in self)
 
-    def then(self, other: "Known") -> "Known":
+    def then(self, other: "PollHistory") -> "PollHistory":
         """Return these and later ones."""
         return self._make(map(np.concatenate, zip(self, other, strict=True)))
 
@@ -54,7 +54,7 @@ class Table:
 
     Attributes
     ----------
-    known : Known or None
+    known : PollHistory or None
         Polls; None before the first.
     offset : float or None
         The host's time minus the table's, s: the least of the first polls; None before.
@@ -65,7 +65,7 @@ class Table:
     """
 
     def __init__(self, poll: float):
-        self.known: Known | None = None
+        self.known: PollHistory | None = None
         self.offset: float | None = None
         self.left_out = 0
         self._gap = max(_FAR * poll, _LONG)
@@ -110,7 +110,7 @@ class Table:
         self.left_out += int(np.sum(~later))
         # An angle is one from the zero that homing finds; of a table that seeks it there is none.
         angle = np.where(came.homed[:, None], came.angle, nan)
-        kept = Known(time, angle, came.settled).where(later)
+        kept = PollHistory(time, angle, came.settled).where(later)
         if self.offset is None:
             self._match(heard, time)
         if self.known is None:

@@ -17,7 +17,7 @@ import numpy as np
 
 from inercal.errors import InputError
 from inercal.host.sim import motion_link
-from inercal.host.sim.drawn import Drawn, draw
+from inercal.host.sim.errors import SimulatedErrors, draw
 from inercal.host.sim.faults import number_in
 from inercal.host.sim.motion_link import Part
 from inercal.host.sim.pmac import SimulatedPmac
@@ -35,12 +35,12 @@ class Bench:
 
     Parameters
     ----------
-    drawn : Drawn
+    drawn : SimulatedErrors
     imu : socket, optional
         Where its motion goes.
     """
 
-    def __init__(self, drawn: Drawn, imu: socket.socket | None = None):
+    def __init__(self, drawn: SimulatedErrors, imu: socket.socket | None = None):
         i10 = 3713707
         period = i10 / 8388608e3
         self.pmac = SimulatedPmac(drawn.axes(period), COUNTS, i10)

@@ -11,7 +11,7 @@ from inercal.benches.turntable.attitude import attitude
 from inercal.earth import earth_rate_up_north
 from inercal.errors import InputError
 from inercal.host.sim import _felt as kernel
-from inercal.host.sim.drawn import Drawn
+from inercal.host.sim.errors import SimulatedErrors
 from inercal.host.sim.motion_link import Part
 from inercal.keys import CoefficientName
 from inercal.runfile import Run
@@ -24,7 +24,7 @@ _SAME = 1e-9  # s: times that were computed otherwise
 class Surroundings:
     """What is felt on a bench at angles, rates and accelerations of its axes."""
 
-    def __init__(self, drawn: Drawn):
+    def __init__(self, drawn: SimulatedErrors):
         bench, q = drawn.bench, drawn.values
         k = len(bench.axes)
         up, north = earth_rate_up_north(bench.latitude)
@@ -92,7 +92,7 @@ class Imu:
     Parameters
     ----------
     run : Run
-    drawn : Drawn
+    drawn : SimulatedErrors
     rate_hz : float
         Of the readings.
     seconds : float
@@ -104,7 +104,7 @@ class Imu:
         A sensor that is no IMU of three accelerometers and three gyros.
     """
 
-    def __init__(self, run: Run, drawn: Drawn, rate_hz: float, seconds: float):
+    def __init__(self, run: Run, drawn: SimulatedErrors, rate_hz: float, seconds: float):
         sensor = run.sensor.with_coefficients(*run.truth)
         kinds = [axis.measures for axis in sensor.axes]
         if sorted(kinds) != ["f"] * 3 + ["w"] * 3:

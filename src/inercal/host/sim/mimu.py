@@ -2,7 +2,7 @@
 
 Its readings are those of the run file's sensor with the coefficients of its truth, and noise that
 was drawn beforehand. Reading k, from 0, is sent at the time (k + 1)/rate of the IMU's own clock,
-and is of `Drawn.late` before. Whatever the pace, the bytes are the same.
+and is of `SimulatedErrors.late` before. Whatever the pace, the bytes are the same.
 
 Standard input tells faults, a line each, answered by `ok` or by what is wrong:
 
@@ -33,7 +33,7 @@ from inercal.errors import InputError
 from inercal.host.packets import Layout, read_layout
 from inercal.host.sim import motion_link
 from inercal.host.sim._packed import Packer
-from inercal.host.sim.drawn import Drawn, draw
+from inercal.host.sim.errors import SimulatedErrors, draw
 from inercal.host.sim.faults import number_in
 from inercal.host.sim.felt import Imu, drawn_drift, noise_block
 from inercal.host.sim.port import Port, Socket, Terminal
@@ -140,18 +140,20 @@ def rate_of(run: Run, layout: Layout, rate_hz: float | None) -> float:
     return rate
 
 
-def noise_seconds(run: Run, drawn: Drawn) -> float:
+def noise_seconds(run: Run, drawn: SimulatedErrors) -> float:
     """Return how long noise is drawn for at a time, s."""
     return 1.5 * seconds_on_turntable(drawn.bench, run.table_steps) + _SPARE
 
 
-def mean_drift(run: Run, drawn: Drawn, rate_hz: float, start: float, stop: float) -> Array:
+def mean_drift(
+    run: Run, drawn: SimulatedErrors, rate_hz: float, start: float, stop: float
+) -> Array:
     """Return the mean of the biases' drift in the readings between two times, (m,) SI.
 
     Parameters
     ----------
     run : Run
-    drawn : Drawn
+    drawn : SimulatedErrors
     rate_hz : float
         Of the readings.
     start, stop : float

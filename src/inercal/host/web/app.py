@@ -19,12 +19,12 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from inercal.errors import InercalError
 from inercal.host.packets import PRESETS, read_layout
 from inercal.host.web.access import VIEWER, Access, cookie
-from inercal.host.web.asked import parsed
 from inercal.host.web.gate import Gate, viewer_cookie
 from inercal.host.web.hub import Hub
-from inercal.host.web.people import Viewer
 from inercal.host.web.probing import probe
-from inercal.host.web.refused import Refused
+from inercal.host.web.refusal_log import RefusalLog
+from inercal.host.web.requests import parsed
+from inercal.host.web.viewers import Viewer
 
 _A_SECOND = 20  # messages of a viewer
 _BEAT = 2.0  # s
@@ -51,10 +51,10 @@ class Page:
     hub : Hub
     register : str or None
         Address.
-    refused : Refused
+    refused : RefusalLog
     """
 
-    def __init__(self, hub: Hub, register: str | None, refused: Refused):
+    def __init__(self, hub: Hub, register: str | None, refused: RefusalLog):
         self._hub, self._register, self._refused = hub, register, refused
         self._version = version("inercal")
         self._files = dict(_static(files("inercal.host.web").joinpath("static")))
@@ -247,7 +247,7 @@ class Page:
         return self._drawn[1]
 
 
-def application(hub: Hub, register: str | None, access: Access, refused: Refused) -> Gate:
+def application(hub: Hub, register: str | None, access: Access, refused: RefusalLog) -> Gate:
     """Return the page as an ASGI application, behind its gate."""
     page = Page(hub, register, refused)
     app = Starlette(routes=page.routes(), exception_handlers={404: page.unknown})

@@ -9,8 +9,8 @@ from typing import Any
 
 from inercal.benches.turntable import turntable_of
 from inercal.host.addresses import Addresses, layout_of_address
-from inercal.host.carry import Interrupted, carried_out
 from inercal.host.compile import compiled
+from inercal.host.execute import Interrupted, carried_out
 from inercal.host.folder import JOURNAL, POLL, Folder, begin, resumed
 from inercal.host.journal import Journal
 from inercal.host.live import Live
@@ -19,24 +19,24 @@ from inercal.host.simulated import POLL as SIMULATED_POLL
 from inercal.host.simulated import STARTING, started
 from inercal.host.web import pictures, simulating
 from inercal.host.web.control import Control
-from inercal.host.web.ending import Ending
-from inercal.host.web.order import NOTE, Order, Simulated, note, renamed
+from inercal.host.web.finalizer import RunFinalizer
+from inercal.host.web.order import NOTE, RunRequest, Simulated, note, renamed
 from inercal.host.web.publish import Publisher
-from inercal.host.web.teller import EVERY, Teller
+from inercal.host.web.telemetry import EVERY, RunTelemetry
 from inercal.runfile import Run, read
 
 
-class Carrying:
+class RunController:
     """A run as it is ordered.
 
     Parameters
     ----------
-    order : Order
+    order : RunRequest
     publisher : Publisher
     control : Control
     """
 
-    def __init__(self, order: Order, publisher: Publisher, control: Control):
+    def __init__(self, order: RunRequest, publisher: Publisher, control: Control):
         self._order, self._publisher, self._control = order, publisher, control
         self._folder = Path(order.folder)
         self._beside: AbstractContextManager[None] = nullcontext()
@@ -59,14 +59,14 @@ class Carrying:
             with made.kept_if_begun(NOTE) if self._order.plan is not None else nullcontext():
                 opened.callback(os.close, note(made.path, bench))
                 journal.event("info", self._words(bench))
-                ending = Ending(self._order, made, journal)
-                teller = Teller(self._publisher, made.run, turntable_of(run), journal)
+                ending = RunFinalizer(self._order, made, journal)
+                teller = RunTelemetry(self._publisher, made.run, turntable_of(run), journal)
                 told = self._to_its_end(made, journal, teller, ending)
                 teller.events()
                 return told
 
     def _to_its_end(
-        self, made: Folder, journal: Journal, teller: Teller, ending: Ending
+        self, made: Folder, journal: Journal, teller: RunTelemetry, ending: RunFinalizer
     ) -> Mapping[str, Any]:
         """Have done what is left of a run; return what is told of its end."""
         live = None
@@ -119,7 +119,7 @@ class Carrying:
         return begin(self._folder, run, addresses, poll, content)
 
     def _carried_out(
-        self, made: Folder, journal: Journal, teller: Teller, ending: Ending
+        self, made: Folder, journal: Journal, teller: RunTelemetry, ending: RunFinalizer
     ) -> Live | None:
         """Have the plan carried out, or what is left of it; return what was found meanwhile."""
         was = journal.header()

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from inercal.errors import InputError
 from inercal.host.devices import Port, ports
 from inercal.host.packets import PRESETS
-from inercal.host.web.asked import Asked, as_object
+from inercal.host.web.requests import Asked, as_object
 
 SIMULATED, GIVEN = "simulated", "given"
 _HOST = r"(?:[a-z0-9_.-]{1,253}|\[[0-9a-f:.]{2,45}\]):[0-9]{1,5}"

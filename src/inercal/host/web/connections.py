@@ -6,13 +6,13 @@ from typing import Any
 import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from inercal.host.web.refused import Refused
+from inercal.host.web.refusal_log import RefusalLog
 
 MOST = 256  # connections, those of viewers with them
 _SILENT, _LONGEST = 10.0, 120.0  # s without a request, and for one with its answer
 
 
-def limited(refused: Refused) -> type[H11Protocol]:
+def limited(refused: RefusalLog) -> type[H11Protocol]:
     """Return the web server's side of a connection, with these limits."""
 
     class Limited(H11Protocol):

@@ -16,7 +16,7 @@ from starlette.responses import HTMLResponse, PlainTextResponse, RedirectRespons
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from inercal.host.web.access import SESSION, VIEWER, Access, cookie, cookie_name
-from inercal.host.web.refused import Refused
+from inercal.host.web.refusal_log import RefusalLog
 
 _MOST = 1 << 16  # bytes of a body
 _PATIENCE = 10.0  # s for one
@@ -40,10 +40,10 @@ class Gate:
     ----------
     app : ASGI application
     access : Access
-    refused : Refused
+    refused : RefusalLog
     """
 
-    def __init__(self, app: ASGIApp, access: Access, refused: Refused):
+    def __init__(self, app: ASGIApp, access: Access, refused: RefusalLog):
         self._app, self._access, self._refused = app, access, refused
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:

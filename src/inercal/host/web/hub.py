@@ -13,14 +13,14 @@ from zlib import crc32
 from inercal.errors import InputError
 from inercal.host.log import driven
 from inercal.host.options import ORDINARY, Options
-from inercal.host.web.asked import Asked
 from inercal.host.web.choice import Choice, Chosen
-from inercal.host.web.going import Going
-from inercal.host.web.kept import Kept
-from inercal.host.web.order import NOTE, Order, cut_short, noted
-from inercal.host.web.people import GONE, People, Viewer
+from inercal.host.web.message_history import MessageHistory
+from inercal.host.web.order import NOTE, RunRequest, cut_short, noted
 from inercal.host.web.plans import Plans
+from inercal.host.web.requests import Asked
+from inercal.host.web.run_process import RunProcess
 from inercal.host.web.runs import Runs, RunThere
+from inercal.host.web.viewers import GONE, Viewer, Viewers
 
 _NAME = 80  # characters of a sensor's name
 _ENDING = 15.0  # s that a process may take to end that has told its end
@@ -58,16 +58,16 @@ class Hub:
         choice: Choice,
         register: str | None = None,
         options: Options = ORDINARY,
-        start: Callable[[Order], Going] = Going,
+        start: Callable[[RunRequest], RunProcess] = RunProcess,
     ):
         self.probing = asyncio.Lock()
         self.plans, self.runs, self.choice = plans, runs, choice
-        self.people = People()
+        self.people = Viewers()
         self._stopping = ThreadPoolExecutor(1, "stop")
         self._register, self._options, self._start = register, options, start
-        self.going: Going | None = None
+        self.going: RunProcess | None = None
         self._has_told_its_end = False
-        self._kept: Kept | None = None
+        self._kept: MessageHistory | None = None
         self._relaying: asyncio.Task[None] | None = None
 
     @property
@@ -210,11 +210,11 @@ class Hub:
             raise InputError("the devices are being asked: start when they have answered")
         return runs
 
-    def _order(self, folder: Path, chosen: Chosen, asked: Asked, plan: Path | None) -> Order:
+    def _order(self, folder: Path, chosen: Chosen, asked: Asked, plan: Path | None) -> RunRequest:
         sensor = asked.get("sensor") if plan is not None else None
         if sensor is not None and not _is_name(sensor):
             raise InputError(f"sensor: give a name of 1 to {_NAME} characters")
-        return Order(
+        return RunRequest(
             str(folder.absolute()),
             None if plan is None else str(plan.absolute()),
             None if sensor is None else sensor.strip(),
@@ -227,19 +227,19 @@ class Hub:
             self._options.patience,
         )
 
-    def _go(self, order: Order) -> None:
+    def _go(self, order: RunRequest) -> None:
         try:
             self.going = self._start(order)
         except OSError as error:
             raise InputError(f"the run's process cannot be started: {error.strerror}") from None
-        self._kept, self._has_told_its_end = Kept(), False
+        self._kept, self._has_told_its_end = MessageHistory(), False
         # The process takes seconds before it tells anything itself.
         starts = _text("phase", run=order.name, words="starting the run's process")
         self._kept.keep("phase", starts)
         self._tell("phase", starts)
         self._relaying = asyncio.create_task(self._relay(self.going, self._kept))
 
-    async def _relay(self, going: Going, kept: Kept) -> None:
+    async def _relay(self, going: RunProcess, kept: MessageHistory) -> None:
         """Hand on what a run tells, until it tells no more."""
         async for kind, text in going.messages():
             self._has_told_its_end |= kind == "done"

@@ -19,7 +19,7 @@ Told = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class Order:
+class RunRequest:
     """A run to be begun or to go on.
 
     Parameters
@@ -68,7 +68,7 @@ class Order:
         return json.dumps(asdict(self))
 
     @classmethod
-    def of(cls, line: str) -> "Order":
+    def of(cls, line: str) -> "RunRequest":
         """Return what a line says.
 
         Raises
@@ -101,12 +101,12 @@ class Order:
         return (Path(self.folder) / JOURNAL).is_file()
 
 
-def told(order: Order, state: str, words: str = "", **more: object) -> Told:
+def told(order: RunRequest, state: str, words: str = "", **more: object) -> Told:
     """Return what is told of an end.
 
     Parameters
     ----------
-    order : Order
+    order : RunRequest
     state : "done", "carried out", "interrupted" or "not begun"
         Carried out: without a calibration. Not begun: nothing was kept that could be resumed.
     words : str
@@ -118,7 +118,7 @@ def told(order: Order, state: str, words: str = "", **more: object) -> Told:
     return {"run": order.name, "state": state, "words": words, **links, **more}
 
 
-def cut_short(order: Order, words: str) -> Told:
+def cut_short(order: RunRequest, words: str) -> Told:
     """Return what is told of a run whose process came to nothing more."""
     return told(order, "interrupted" if order.can_go_on else "not begun", words)
 

@@ -7,9 +7,9 @@ from inercal.benches.turntable import turntable_of
 from inercal.errors import InercalError
 from inercal.host import devices
 from inercal.host.device_lines import of_imu, of_table
-from inercal.host.web.asked import Asked, as_object
 from inercal.host.web.choice import SIMULATED, Choice
 from inercal.host.web.plans import Plan
+from inercal.host.web.requests import Asked, as_object
 from inercal.runfile import read
 
 _SIMULATED = {"ok": True, "lines": ["simulated: made when the run starts"]}

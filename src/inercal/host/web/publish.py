@@ -13,7 +13,7 @@ from threading import Condition, Thread
 from time import monotonic
 
 from inercal.host.closing import Closing
-from inercal.host.web.lanes import Lanes
+from inercal.host.web.dropping_queue import DroppingQueue
 
 PICTURES = frozenset(("state", "samples", "estimates"))  # later ones say what these did
 
@@ -29,7 +29,7 @@ class Publisher(Closing):
 
     def __init__(self, descriptor: int):
         self._descriptor = descriptor
-        self._lanes: Lanes[tuple[str, Mapping[str, object]]] = Lanes()
+        self._lanes: DroppingQueue[tuple[str, Mapping[str, object]]] = DroppingQueue()
         self._changed = Condition()
         self._over = self._written = False
         Thread(target=self._write, name="publisher", daemon=True).start()

@@ -70,7 +70,7 @@ class Runs:
         InercalError
             The register cannot be opened.
         """
-        from inercal.host.entering import enter
+        from inercal.host.registration import enter
 
         troubles: list[str] = []
         with Register(register) as opened:

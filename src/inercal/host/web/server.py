@@ -26,10 +26,10 @@ from inercal.host.web.app import application
 from inercal.host.web.choice import Choice
 from inercal.host.web.connections import limited
 from inercal.host.web.hub import Hub
-from inercal.host.web.people import MOST
 from inercal.host.web.plans import Plans
-from inercal.host.web.refused import Handler, Refused
+from inercal.host.web.refusal_log import Handler, RefusalLog
 from inercal.host.web.runs import Runs
+from inercal.host.web.viewers import MOST
 from inercal.store import Register
 
 _MESSAGE = 4096  # bytes of a message of a page
@@ -115,7 +115,7 @@ def serve(options: Options) -> None:
     InputError
         A folder, an address, a token or a port that cannot be used.
     """
-    refused = Refused()
+    refused = RefusalLog()
     runs = _runs(options)
     with listening(options.host, options.port) as opened:
         port = opened.getsockname()[1]
@@ -136,7 +136,7 @@ def serve(options: Options) -> None:
         asyncio.run(server.serve(sockets=[opened]))
 
 
-def made(hub: Hub, register: str | None, access: Access, refused: Refused) -> Server:
+def made(hub: Hub, register: str | None, access: Access, refused: RefusalLog) -> Server:
     """Return a server of a hub's page."""
     logger = logging.getLogger("uvicorn.error")
     logger.handlers[:] = [Handler(refused)]

@@ -6,12 +6,12 @@ from inercal.host.clock import SimulatedClock
 from inercal.host.folder import LOG
 from inercal.host.log import frames
 from inercal.host.simulated import SimulatedBench
-from inercal.host.web.order import Order, Simulated, noted
+from inercal.host.web.order import RunRequest, Simulated, noted
 
 _STEP, _LATER = 10.0, 2.0  # s of the bench
 
 
-def wanted(order: Order) -> Simulated | None:
+def wanted(order: RunRequest) -> Simulated | None:
     """Return the bench that is to be simulated; None where none is.
 
     A run that goes on has the bench that it had.

@@ -1,6 +1,6 @@
 """A run as a process of its own: `python -m inercal.host.web.worker`, told by its standard input.
 
-The first line is the `Order`. Then come commands, `pause`, `go on` and `abort`, for as long as
+The first line is the `RunRequest`. Then come commands, `pause`, `go on` and `abort`, for as long as
 somebody gives any: at the end of the input the run goes on to its own end, and so it does where
 nobody reads what it tells. SIGINT and SIGTERM stop the table, by the watchdog too; before anything
 moves they end the process, and once all is done they are too late.
@@ -14,9 +14,9 @@ from threading import Thread
 from typing import Any
 
 from inercal.errors import InercalError
-from inercal.host.web.carry import Carrying
+from inercal.host.web.carry import RunController
 from inercal.host.web.control import Control
-from inercal.host.web.order import Order, cut_short
+from inercal.host.web.order import RunRequest, cut_short
 from inercal.host.web.publish import Publisher
 
 _MOST = 1 << 16  # bytes of a line
@@ -51,7 +51,7 @@ def main() -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, control.interrupt)
     try:
-        order = Order.of(lines.next() or "")
+        order = RunRequest.of(lines.next() or "")
     except InercalError as error:
         print(f"inercal: {error}", file=sys.stderr)
         return 2
@@ -67,9 +67,9 @@ def main() -> int:
     return 0 if end["state"] == "done" else 1
 
 
-def _end(order: Order, publisher: Publisher, control: Control) -> Mapping[str, Any]:
+def _end(order: RunRequest, publisher: Publisher, control: Control) -> Mapping[str, Any]:
     try:
-        return Carrying(order, publisher, control).carry_out()
+        return RunController(order, publisher, control).carry_out()
     except InercalError as error:
         return cut_short(order, str(error))
     except KeyboardInterrupt:

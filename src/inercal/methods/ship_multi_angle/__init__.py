@@ -24,7 +24,7 @@ from inercal.benches.rate_table.bench import RateTable, mountings
 from inercal.benches.rate_table.fixture import Reading, multi_angle_plan, planar_plan
 from inercal.errors import NotObserved
 from inercal.estimate import Estimate, Gaussian, least_squares
-from inercal.methods import fresh, vectors
+from inercal.methods import prediction_error, vectors
 from inercal.methods._base import Method
 from inercal.methods.observed import require_observed
 from inercal.methods.ship_consistency import joint_problem
@@ -121,6 +121,6 @@ METHOD = Method(
         "global": global_,
     },
     framed=("damped", "global"),
-    remarks=fresh.remarks,
+    remarks=prediction_error.remarks,
     source="Xiao, Liu and Liu, Transducer and Microsystem Technologies 33(10), 2014",
 )

@@ -27,7 +27,14 @@ from inercal.methods.observed import require_observed
 from inercal.methods.turntable.drift import covariance_of_means
 from inercal.methods.turntable.found import remarks
 from inercal.methods.turntable.left_out import families
-from inercal.methods.turntable_discrete.felt import Way, declared, felt, mean, planned, rows
+from inercal.methods.turntable_discrete.mean_motion import (
+    AxisAngles,
+    declared,
+    felt,
+    mean,
+    planned,
+    rows,
+)
 from inercal.plan import Position, Rotation, TableStep
 from inercal.recording import Observations, Track
 from inercal.sensors import Sensor
@@ -82,7 +89,7 @@ def problem(
     observations: Observations,
     sensor: Sensor,
     bench: Turntable,
-    ways: Sequence[Way],
+    ways: Sequence[AxisAngles],
     priors: Sequence[Gaussian] = (),
 ) -> Problem:
     """Return the problem of all readings but those of accelerometers in rotations.
@@ -151,9 +158,9 @@ def _drifting(observations: Observations, sensor: Sensor) -> Observations:
 
 def _followed(
     observations: Observations, track: Track, steps: Sequence[TableStep]
-) -> tuple[Observations, list[Way]]:
+) -> tuple[Observations, list[AxisAngles]]:
     """Return the rows' ways by readback, and rotations' means by trapezoids over the same span."""
-    means, ways = observations.mean.copy(), list[Way]()
+    means, ways = observations.mean.copy(), list[AxisAngles]()
     for r, step in enumerate(steps):
         half = observations.duration[r] / 2
         at = np.flatnonzero(np.abs(track.time - observations.time[r]) <= half * (1 + 1e-9))
@@ -164,9 +171,9 @@ def _followed(
             at = np.arange(max(int(at[0]) - 1, 0), int(at[-1]) + 1)
         time, angles = track.time[at], track.angles[..., at, :]
         if isinstance(step, Position):
-            ways.append(Way(time[:1], angles.mean(axis=-2, keepdims=True)))
+            ways.append(AxisAngles(time[:1], angles.mean(axis=-2, keepdims=True)))
         else:
-            ways.append(Way(time, angles))
+            ways.append(AxisAngles(time, angles))
             means[..., r, :] = mean(track.reading[..., at, :], time, -2)
     return replace(observations, mean=means), ways
 

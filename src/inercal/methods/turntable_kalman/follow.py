@@ -16,7 +16,7 @@ from inercal.methods.turntable import model
 from inercal.methods.turntable.model import ARCSEC
 from inercal.methods.turntable_kalman import checks
 from inercal.methods.turntable_kalman.innovations import Filtered, excess, group, least, told
-from inercal.methods.turntable_kalman.ways import KINDS, WAYS, Kind, Way
+from inercal.methods.turntable_kalman.ways import KINDS, WAYS, FilterConfig, Kind
 from inercal.plan import TableStep
 from inercal.recording import Observations, Track
 from inercal.sensors import Sensor
@@ -27,7 +27,7 @@ def filtered(
     sensor: Sensor,
     bench: Turntable,
     track: Track,
-    way: Way,
+    way: FilterConfig,
     priors: Sequence[Gaussian] = (),
     *,
     smooth: bool = False,
@@ -62,7 +62,7 @@ def followed(
     steps: Sequence[TableStep],
     priors: Sequence[Gaussian] = (),
     *,
-    way: Way,
+    way: FilterConfig,
 ) -> Estimate:
     """Return the estimate of both filters, one trial after the other.
 
@@ -77,7 +77,7 @@ def followed(
         Unused: the readback says what was done.
     priors : sequence of Gaussian
         On coefficients.
-    way : Way
+    way : FilterConfig
 
     Raises
     ------
@@ -187,7 +187,7 @@ def apart(sensor: Sensor, priors: Sequence[Gaussian]) -> list[Gaussian]:
     return made
 
 
-def _notes(parts: Sequence[Filtered], way: Way, bench: Turntable) -> tuple[str, ...]:
+def _notes(parts: Sequence[Filtered], way: FilterConfig, bench: Turntable) -> tuple[str, ...]:
     """Say how innovations agree, and what the uncertainties do not hold."""
     made = [told(one) for one in parts]
     made += [words for one in parts if (words := _leaning(one))]

@@ -18,7 +18,7 @@ from inercal.methods._base import PartialEstimate
 from inercal.methods.turntable_kalman import _accelerometers, _readback
 from inercal.methods.turntable_kalman.filter import Running
 from inercal.methods.turntable_kalman.follow import apart
-from inercal.methods.turntable_kalman.ways import KINDS, WAYS, Way
+from inercal.methods.turntable_kalman.ways import KINDS, WAYS, FilterConfig
 from inercal.plan import TableStep
 from inercal.recording import Track
 from inercal.sensors import Sensor
@@ -64,7 +64,7 @@ class FilterPair:
     ----------
     sensor : Sensor
     bench : Turntable
-    way : Way
+    way : FilterConfig
     priors : sequence of Gaussian
         Each of gyros or of accelerometers.
     lasting : float
@@ -75,7 +75,7 @@ class FilterPair:
         self,
         sensor: Sensor,
         bench: Turntable,
-        way: Way,
+        way: FilterConfig,
         priors: Sequence[Gaussian],
         lasting: float,
     ):

@@ -17,7 +17,7 @@ KINDS: tuple[Kind, ...] = ("w", "f")  # gyros, accelerometers
 _SOURCES_STILL = 1e-3  # m/s
 
 
-class Way(NamedTuple):
+class FilterConfig(NamedTuple):
     """Which states the filters have, and how far attitude and velocity at rest are trusted."""
 
     drifting: bool
@@ -56,8 +56,8 @@ class Way(NamedTuple):
         )  # fmt: skip
 
 
-WAYS: Mapping[str, Way] = {
-    "full": Way(True, True, "whole", None, STILL),
-    "drift": Way(True, False, "lean", (4 * ARCSEC, ARCSEC), _SOURCES_STILL),
-    "paper": Way(False, False, "exact", (10 * ARCSEC, 10 * ARCSEC), _SOURCES_STILL),
+WAYS: Mapping[str, FilterConfig] = {
+    "full": FilterConfig(True, True, "whole", None, STILL),
+    "drift": FilterConfig(True, False, "lean", (4 * ARCSEC, ARCSEC), _SOURCES_STILL),
+    "paper": FilterConfig(False, False, "exact", (10 * ARCSEC, 10 * ARCSEC), _SOURCES_STILL),
 }

@@ -30,7 +30,7 @@ from inercal.methods.turntable import left_out, model
 from inercal.methods.turntable.found import remarks
 from inercal.methods.turntable.left_out import Column
 from inercal.methods.turntable.terms import BIAS
-from inercal.methods.turntable_trajectory.rows import Resting, Turning, parameters
+from inercal.methods.turntable_trajectory.rows import RotationRows, StaticRows, parameters
 from inercal.plan import TableStep
 from inercal.recording import Observations, Track
 from inercal.sensors import Sensor
@@ -125,7 +125,7 @@ def solved(
 def problem(
     sensor: Sensor,
     bench: Turntable,
-    parts: Sequence[Turning | Resting],
+    parts: Sequence[RotationRows | StaticRows],
     priors: Sequence[Gaussian] = (),
 ) -> Problem:
     """Return the problem of whitened residuals of one trial.
@@ -134,7 +134,7 @@ def problem(
     ----------
     sensor : Sensor
     bench : Turntable
-    parts : sequence of Turning or Resting
+    parts : sequence of RotationRows or StaticRows
         What gyros and accelerometers leave.
     priors : sequence of Gaussian
         On coefficients, beside those of `model.EXPECTED`.
@@ -199,7 +199,7 @@ def problem(
 
 
 def averaged(
-    estimate: Estimate, sensor: Sensor, bench: Turntable, parts: Sequence[Turning | Resting]
+    estimate: Estimate, sensor: Sensor, bench: Turntable, parts: Sequence[RotationRows | StaticRows]
 ) -> Estimate:
     """Return the estimate of one trial with biases as means over the run (`turntable.drift`).
 
@@ -235,7 +235,7 @@ def averaged(
     )
 
 
-def _means(part: Turning | Resting, at: Indices, drift: Array, count: int) -> Array:
+def _means(part: RotationRows | StaticRows, at: Indices, drift: Array, count: int) -> Array:
     """Return what the mean drift of each bias, (3, m), adds to it, (count, m)."""
     t, made = part.part.terms, np.zeros((count, drift.shape[1]))
     biases = np.flatnonzero(t.bias)
@@ -245,7 +245,7 @@ def _means(part: Turning | Resting, at: Indices, drift: Array, count: int) -> Ar
 
 
 def _tests(
-    estimate: Estimate, jacobian: Array, parts: Sequence[Turning | Resting], steps: Array
+    estimate: Estimate, jacobian: Array, parts: Sequence[RotationRows | StaticRows], steps: Array
 ) -> tuple[Test, ...]:
     """Return the tests of mean residuals in each step, of gyros and of accelerometers."""
     made: list[Test] = []
@@ -270,17 +270,17 @@ def _tests(
 
 def _parts(
     sensor: Sensor, bench: Turntable, track: Track, epochs: Indices | None
-) -> list[Turning | Resting]:
+) -> list[RotationRows | StaticRows]:
     kinds, lasting = {axis.measures for axis in sensor.axes}, model.lasting(track, None)
-    made: list[Turning | Resting] = []
+    made: list[RotationRows | StaticRows] = []
     if "w" in kinds:
-        made.append(Turning.of(model.triad(sensor, "w", lasting), bench, track, epochs))
+        made.append(RotationRows.of(model.triad(sensor, "w", lasting), bench, track, epochs))
     if "f" in kinds:
-        made.append(Resting.of(model.triad(sensor, "f", lasting), bench, track))
+        made.append(StaticRows.of(model.triad(sensor, "f", lasting), bench, track))
     return made
 
 
-def _places(part: Turning | Resting, sensor: Sensor) -> Indices:
+def _places(part: RotationRows | StaticRows, sensor: Sensor) -> Indices:
     names = part.part.sensor.coefficients
     return np.array([sensor.coefficients.index(name) for name in names], dtype=np.int64)
 

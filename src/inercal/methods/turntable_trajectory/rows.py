@@ -47,7 +47,7 @@ def _off(parameter: Parameter, q: Mapping[str, float]) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Turning:
+class RotationRows:
     """The gyros of one trial against the readback.
 
     Parameters
@@ -74,7 +74,7 @@ class Turning:
     @classmethod
     def of(
         cls, part: model.Triad, bench: Turntable, track: Track, epochs: Indices | None = None
-    ) -> "Turning":
+    ) -> "RotationRows":
         """Return the rows of one trial; epochs are ten a second unless they are given.
 
         Raises
@@ -197,7 +197,7 @@ class Turning:
 
 
 @dataclass(frozen=True, eq=False)
-class Resting:
+class StaticRows:
     """The accelerometers of one trial in its holds, means of about a second.
 
     Parameters
@@ -246,7 +246,7 @@ class Resting:
         return self.time
 
     @classmethod
-    def of(cls, part: model.Triad, bench: Turntable, track: Track) -> "Resting":
+    def of(cls, part: model.Triad, bench: Turntable, track: Track) -> "StaticRows":
         """Return the rows of one trial.
 
         Raises
@@ -294,7 +294,7 @@ class Resting:
     def whitened(
         self, theta: Array, q: Mapping[str, float], beside: Array | None = None
     ) -> tuple[Array, Array, Array]:
-        """Return whitened residual, Jacobian and the mean drift; as of `Turning`."""
+        """Return whitened residual, Jacobian and the mean drift; as of `RotationRows`."""
         off = np.array([_off(one, q) for one in self.table])
         motion = Motion(self.felt + self.by @ off)
         if self.warmth is not None:

@@ -10,7 +10,7 @@ from inercal.studies.claim import shown
 from inercal.studies.section import Chart, Line, Panel, Section, Table
 from inercal.studies.ship_model.estimators import NONE, Compared
 from inercal.studies.ship_model.experiment import MILLI, errors, median, part
-from inercal.studies.ship_model.ship_motion import IRREGULAR, PLACE, REGULAR, Felt, feel
+from inercal.studies.ship_model.ship_motion import IRREGULAR, PLACE, REGULAR, SpecificForce, feel
 from inercal.studies.words import words_of
 
 WORDS = words_of("inercal.studies.ship_model", "motion")
@@ -77,13 +77,13 @@ def section(found: Compared) -> Section:
     )
 
 
-def _heave(run: Felt) -> tuple[float, float]:
+def _heave(run: SpecificForce) -> tuple[float, float]:
     """Return rms and peak of the heave acceleration, g."""
     a = run.heave[2] / G0
     return float(np.sqrt((a**2).mean())), float(np.abs(a).max())
 
 
-def _table(name: str, run: Felt, by_way: dict[str, Left]) -> Table:
+def _table(name: str, run: SpecificForce, by_way: dict[str, Left]) -> Table:
     rms, peak = _heave(run)
     rows: list[tuple[str, list[str]]] = []
     for way, one in by_way.items():
@@ -102,7 +102,7 @@ def _table(name: str, run: Felt, by_way: dict[str, Left]) -> Table:
     )  # fmt: skip
 
 
-def _chart(found: Compared, t: Array, run: Felt) -> Chart:
+def _chart(found: Compared, t: Array, run: SpecificForce) -> Chart:
     seen = t < _SEEN
     f = run.f[seen] / G0
     off = {

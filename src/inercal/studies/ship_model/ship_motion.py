@@ -74,7 +74,7 @@ def course(swing: Swing, t: Array, seed: int | None = None) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Felt:
+class SpecificForce:
     """Heave, pitch and roll with their derivatives, (3, n) each, and specific force, (n, 3)."""
 
     heave: Array
@@ -88,7 +88,7 @@ class Felt:
         return _turn(1, self.pitch[0]) @ _turn(0, self.roll[0])
 
 
-def feel(waves: Waves, t: Array, seed: int = 0) -> Felt:
+def feel(waves: Waves, t: Array, seed: int = 0) -> SpecificForce:
     """Return the motion at t (n,) s and what the accelerometer feels."""
     seeds = (None,) * 3 if waves.regular else (3 * seed, 3 * seed + 1, 3 * seed + 2)
     swings = (waves.heave, waves.pitch, waves.roll)
@@ -104,11 +104,11 @@ def feel(waves: Waves, t: Array, seed: int = 0) -> Felt:
         axis=-1,
     )
     place = np.array(waves.place)
-    made = Felt(heave, pitch, roll, np.zeros((len(t), 3)))
+    made = SpecificForce(heave, pitch, roll, np.zeros((len(t), 3)))
     # Rᵀ (0, 0, z'' + g) is the last row of R.
     held = made.attitude[:, 2] * (heave[2] + G0)[:, None]
     f = held + np.cross(turning, place) + np.cross(rate, np.cross(rate, place))
-    return Felt(heave, pitch, roll, f)
+    return SpecificForce(heave, pitch, roll, f)
 
 
 def _turn(axis: int, angle: Array) -> Array:

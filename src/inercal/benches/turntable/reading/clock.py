@@ -42,7 +42,7 @@ _STANDS = np.radians(0.1)  # rad/s
 _BEYOND = 2.0  # s of IMU times before or after the readback's
 
 
-class NotAlike(InputError):
+class ClockMismatch(InputError):
     """Readback and gyros turn when the other does, but not alike; or the readback stands still.
 
     Parameters
@@ -135,7 +135,7 @@ def aligned(
     time, table_time = time - origin, table_time - shift
     table, gyros = of_table(bench, table_time, angles), of_gyros(time, rates)
     if (near := _search(table, gyros)) is None:
-        raise NotAlike(
+        raise ClockMismatch(
             "the readback's clock: by the readback the table never turned, and nothing tells an "
             "offset; look at its columns and unit",
             _interpolated(table_time, angles, time),
@@ -148,7 +148,9 @@ def aligned(
         )
         if not _together(table, gyros, near):
             raise InputError(words)
-        raise NotAlike(words, _interpolated(table_time, angles, time + near[1] + near[0] * time))
+        raise ClockMismatch(
+            words, _interpolated(table_time, angles, time + near[1] + near[0] * time)
+        )
     late, covariance, found = refined
     said = np.asarray(time + late[1] + late[0] * time, dtype=float)
     _require_span(said + shift, table_time + shift, 0.0)

@@ -8,7 +8,7 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.benches.turntable.bench import Turntable
-from inercal.benches.turntable.reading.clock import FURTHEST, Aligned, NotAlike, aligned
+from inercal.benches.turntable.reading.clock import FURTHEST, Aligned, ClockMismatch, aligned
 from inercal.benches.turntable.settings import HOLD, TurntableData
 from inercal.data import Source
 from inercal.data.load import of_readback, options_of, readback_units
@@ -96,8 +96,8 @@ def with_angles(run: Source[TurntableData], recording: Recording, bench: Turntab
         _require_readings(table.time, angles)
         rates = _rates(run, recording)
         found = aligned(bench, recording.time, rates, table.time, angles, bench.latency.value)
-    except NotAlike as error:
-        raise NotAlike(f"{where}: {error}", error.angles) from None
+    except ClockMismatch as error:
+        raise ClockMismatch(f"{where}: {error}", error.angles) from None
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
     # What a finding says of samples is of the other file.

@@ -13,7 +13,8 @@ from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.epochs import COARSE, GAP, LEAST_REST, settling
 from inercal.benches.turntable.reading.against_plan import against_plan
 from inercal.benches.turntable.reading.checks import Columns, paced, require_sound
-from inercal.benches.turntable.reading.clock import NotAlike
+from inercal.benches.turntable.reading.clock import ClockMismatch
+from inercal.benches.turntable.reading.dropped_samples import slipped
 from inercal.benches.turntable.reading.earth import require_earth
 from inercal.benches.turntable.reading.labels import labelled
 from inercal.benches.turntable.reading.readback import Read, told, with_angles
@@ -24,9 +25,8 @@ from inercal.benches.turntable.reading.samples import (
     require_turning,
     spikes,
 )
-from inercal.benches.turntable.reading.slips import slipped
 from inercal.benches.turntable.settings import HOLD, TurntableData
-from inercal.data import Gathered, Source
+from inercal.data import EstimatorInput, Source
 from inercal.data.load import (
     load_recording,
     readback_columns,
@@ -54,7 +54,7 @@ _MOVED = radians(0.1)
 _EXACT = 4  # decimals of degrees in which positions are told
 
 
-def observe(run: Source[TurntableData]) -> Gathered:
+def observe(run: Source[TurntableData]) -> EstimatorInput:
     """Return the track of a run on a turntable, with means of its holds and turns.
 
     Raises
@@ -69,7 +69,7 @@ def observe(run: Source[TurntableData]) -> Gathered:
     recording = load_recording(run)
     try:
         read = with_angles(run, recording, bench)
-    except NotAlike as error:
+    except ClockMismatch as error:
         holds = find_holds(recording.time, error.angles, None, settling(bench))
         _checked(run, _track(run, recording, error.angles, holds), bench, alike=False)
         raise  # what the checks know better they have said
@@ -106,7 +106,7 @@ def observe(run: Source[TurntableData]) -> Gathered:
     marks, steps, own = _steps(run, recording, angles, long_enough(recording.time, holds), turns)
     findings += against_plan(steps, own, run)
     observations = averaged(recording, run.sensor, marks, steps, found=True)
-    return Gathered(
+    return EstimatorInput(
         recording,
         marks,
         replace(observations, track=track),

@@ -28,7 +28,7 @@ _WINDOW = 30.0  # s of the recording over which innovations are judged
 _EVENTS = 500  # of a run that goes on after an interruption
 
 
-class Teller:
+class RunTelemetry:
     """Tells of one run; called with it now and then.
 
     Parameters

@@ -11,10 +11,10 @@ from tests.host.benches import plan
 from tests.store.generator import DRIFTING, content, write
 
 from inercal.errors import InputError
-from inercal.host import entering
-from inercal.host.entering import Keeper, enter
+from inercal.host import registration
 from inercal.host.folder import Folder, begin
 from inercal.host.journal import Journal
+from inercal.host.registration import RegisterSync, enter
 from inercal.host.web.runs import Runs
 from inercal.store import Register
 
@@ -123,7 +123,7 @@ def test_a_run_that_is_there_as_done_is_not_read_again(
     folder, journal = begun
     runs = Runs(folder.path.parent)
     read: list[Path] = []
-    monkeypatch.setattr(entering, "digest", lambda path: read.append(path) or digest(path))
+    monkeypatch.setattr(registration, "digest", lambda path: read.append(path) or digest(path))
     journal.put_state("interrupted")
     address = str(folder.path.parent / "register.db")
     for _ in range(2):  # it may go on
@@ -173,7 +173,7 @@ def test_a_keeper_enters_beside_what_is_done_and_gives_the_history(
     register: Register, begun: tuple[Folder, Journal]
 ):
     folder, journal = begun
-    keeper = Keeper(register, folder.path)
+    keeper = RegisterSync(register, folder.path)
     with keeper.meanwhile():
         pass
     assert [run.state for run in register.runs()] == ["running"]
@@ -192,7 +192,7 @@ def test_what_fails_is_kept_in_words_and_stops_nothing(
     def fails(*_: object) -> int:
         raise InputError("register postgresql://h/lab: the server\nis gone")
 
-    keeper = Keeper(register, folder.path)
+    keeper = RegisterSync(register, folder.path)
     monkeypatch.setattr(register, "enter_run", fails)
     with keeper.meanwhile():
         pass
@@ -207,7 +207,7 @@ def test_what_fails_is_kept_in_words_and_stops_nothing(
 
 
 def test_no_register_is_told_nothing(begun: tuple[Folder, Journal]):
-    keeper = Keeper(None, begun[0].path)
+    keeper = RegisterSync(None, begun[0].path)
     with keeper.meanwhile():
         keeper.enter()
     assert (keeper.trouble, keeper.history("x")) == ("", None)

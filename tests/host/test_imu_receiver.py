@@ -8,13 +8,13 @@ from typing import Any
 
 import pytest
 
-from inercal.host import listening
+from inercal.host import imu_receiver
 from inercal.host.addresses import open_imu
 from inercal.host.clock import Tick
 from inercal.host.guard import Guard
 from inercal.host.imu import ImuPort
+from inercal.host.imu_receiver import ImuReceiver
 from inercal.host.link import LinkLost
-from inercal.host.listening import Listening
 from inercal.host.packets import read_layout
 
 # s after which the watchdog stops the table
@@ -29,7 +29,7 @@ def test_a_port_is_opened_again_in_less_time_than_the_watchdog_waits(
     monkeypatch: pytest.MonkeyPatch, scripted: Any
 ):
     now, openings = [100.0], list[float]()
-    monkeypatch.setattr(listening, "monotonic", lambda: now[0])
+    monkeypatch.setattr(imu_receiver, "monotonic", lambda: now[0])
 
     def opener(opening: float) -> ImuPort:
         openings.append(opening)
@@ -44,7 +44,7 @@ def test_a_port_is_opened_again_in_less_time_than_the_watchdog_waits(
     def lost(most: int, timeout: float) -> bytes:
         raise LinkLost("lost: Connection reset by peer")
 
-    heard = Listening(opener, _tick(0.0))
+    heard = ImuReceiver(opener, _tick(0.0))
     assert heard.take(_tick(0.02)).pieces == []
     assert heard.trouble == "the IMU is gone: lost: Connection reset by peer"
     waited = list[float]()

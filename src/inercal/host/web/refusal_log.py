@@ -22,7 +22,7 @@ def plain(text: str) -> str:
     return made if len(made) <= _LONGEST else f"{made[:_LONGEST]}…"
 
 
-class Refused:
+class RefusalLog:
     """Says what was refused; where that is too much, how many more there were.
 
     Parameters
@@ -58,7 +58,7 @@ class Refused:
 class Handler(logging.Handler):
     """Says what the web server refuses by itself, and what fails in it: a line each."""
 
-    def __init__(self, refused: Refused):
+    def __init__(self, refused: RefusalLog):
         super().__init__(logging.WARNING)
         self._refused = refused
 

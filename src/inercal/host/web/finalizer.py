@@ -3,16 +3,16 @@
 from urllib.parse import quote
 
 from inercal.errors import InercalError
-from inercal.host.entering import Keeper
 from inercal.host.finish import finish
 from inercal.host.folder import Folder
 from inercal.host.journal import Journal
 from inercal.host.live import Live
-from inercal.host.web.order import Order, Told, told
+from inercal.host.registration import RegisterSync
+from inercal.host.web.order import RunRequest, Told, told
 from inercal.store import Register
 
 
-class Ending:
+class RunFinalizer:
     """The end of one run.
 
     A register that cannot be reached is said and ends nothing: the server enters all its runs when
@@ -20,19 +20,19 @@ class Ending:
 
     Parameters
     ----------
-    order : Order
+    order : RunRequest
     made : Folder
     journal : Journal
     """
 
-    def __init__(self, order: Order, made: Folder, journal: Journal):
+    def __init__(self, order: RunRequest, made: Folder, journal: Journal):
         self._order, self._made, self._journal = order, made, journal
         self._register: Register | None = None
         try:
             self._register = Register(order.register, order.by or None)
         except InercalError as error:
             journal.event("warning", f"the run is not in the register: {error}")
-        self.keeper = Keeper(self._register, made.path)
+        self.keeper = RegisterSync(self._register, made.path)
 
     def interrupted(self, words: str) -> Told:
         """Return what is told of a run that may go on later."""

@@ -82,7 +82,7 @@ def _proved(
     return found
 
 
-class Keeper:
+class RegisterSync:
     """Enters a run as it goes on; what fails is kept in words and does not stop the run.
 
     Parameters

@@ -26,7 +26,7 @@ _BLOCK = 4096  # of noise
 
 
 @dataclass(frozen=True)
-class Drawn:
+class SimulatedErrors:
     """A bench and what is off of it.
 
     Parameters
@@ -78,7 +78,7 @@ class Drawn:
         return reading
 
 
-def draw(run: Run, seed: int) -> Drawn:
+def draw(run: Run, seed: int) -> SimulatedErrors:
     """Draw a run's bench from normal distributions of its stated deviations.
 
     Raises
@@ -91,7 +91,7 @@ def draw(run: Run, seed: int) -> Drawn:
     values = {
         name: p.value + p.sd * float(rng.standard_normal()) for name, p in bench.acting().items()
     }
-    drawn = Drawn(bench, seed, values)
+    drawn = SimulatedErrors(bench, seed, values)
     try:
         Table(drawn.axes(1 / 2000))
     except ValueError as error:

@@ -16,7 +16,7 @@ _AGAIN = 0.5  # s of the wall's between two tries to open a port
 _REOPENING = 0.5
 
 
-class Heard(NamedTuple):
+class ReceivedBytes(NamedTuple):
     """What a tick brought.
 
     Parameters
@@ -31,7 +31,7 @@ class Heard(NamedTuple):
     opened: bool = False
 
 
-class Listening:
+class ImuReceiver:
     """Listens to an IMU, and opens its port again when it was lost.
 
     Parameters
@@ -64,11 +64,11 @@ class Listening:
         self.trouble: str | None = None
         self.since = tick.time
 
-    def take(self, tick: Tick) -> Heard:
+    def take(self, tick: Tick) -> ReceivedBytes:
         """Return the bytes that came by the tick: of a bench that counts them, to the last one."""
         opened = self._port is None and self._again(tick)
         if self._port is None:
-            return Heard([])
+            return ReceivedBytes([])
         try:
             if tick.sent is None or self._base is None:
                 pieces = self._port.take()
@@ -81,9 +81,9 @@ class Listening:
             self._port.close()
             self._port = None
             self._say(f"the IMU is gone: {error}", tick.time)
-            return Heard([])
+            return ReceivedBytes([])
         self._judge(tick.time, bool(pieces))
-        return Heard(pieces, opened)
+        return ReceivedBytes(pieces, opened)
 
     @property
     def bytes_come(self) -> bool:

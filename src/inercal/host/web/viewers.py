@@ -3,7 +3,7 @@
 import asyncio
 from time import monotonic
 
-from inercal.host.web.lanes import Lanes
+from inercal.host.web.dropping_queue import DroppingQueue
 from inercal.host.web.publish import PICTURES
 
 MOST = 32  # viewers
@@ -24,7 +24,7 @@ class Viewer:
 
     def __init__(self, number: int, browser: str | None):
         self.number, self.browser = number, browser
-        self._lanes: Lanes[tuple[str, str]] = Lanes()
+        self._lanes: DroppingQueue[tuple[str, str]] = DroppingQueue()
         self._latest: dict[str, str] = {}  # what waits, by kind
         self._news = asyncio.Event()
 
@@ -47,7 +47,7 @@ class Viewer:
         return self._latest.pop(kind, text)
 
 
-class People:
+class Viewers:
     """Those who look on. One of them may operate, and whoever is gone keeps that for a while."""
 
     def __init__(self):

@@ -20,7 +20,7 @@ _LOOKS = 0.05  # s of the wall's between two looks at the watchdog
 _LEAVING = 12.0  # s of the wall's to come to rest in, seen by the watchdog
 
 
-class Driven:
+class TableDriver:
     """A table, and the watchdog over it.
 
     Parameters

@@ -7,7 +7,7 @@ T = TypeVar("T")
 _MOST = 64  # pictures that wait
 
 
-class Lanes(Generic[T]):
+class DroppingQueue(Generic[T]):
     """A queue in order, of which the oldest pictures are dropped where nobody takes them.
 
     Parameters

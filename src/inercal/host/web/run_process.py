@@ -12,22 +12,22 @@ from collections.abc import AsyncGenerator
 from contextlib import suppress
 from subprocess import PIPE, Popen
 
-from inercal.host.web.order import Order
+from inercal.host.web.order import RunRequest
 
 _LONGEST = 1 << 20  # bytes of a message
 
 
-class Going:
+class RunProcess:
     """A run that goes on.
 
     Parameters
     ----------
-    order : Order
+    order : RunRequest
     command : sequence of str, optional
         Starts the process; the worker's unless told.
     """
 
-    def __init__(self, order: Order, command: tuple[str, ...] = ()):
+    def __init__(self, order: RunRequest, command: tuple[str, ...] = ()):
         self.order = order
         python = (sys.executable, "-P", "-m", "inercal.host.web.worker")
         self._process = Popen(command or python, stdin=PIPE, stdout=PIPE, start_new_session=True)

@@ -7,7 +7,7 @@ _ESTIMATES, _EVENTS = 600, 500
 _SAMPLES = 100  # messages: some ten a second
 
 
-class Kept:
+class MessageHistory:
     """The messages of one run that still count, as they came."""
 
     def __init__(self):

@@ -29,7 +29,7 @@ _TURN = 361  # points of one turn that is taken from the plan
 
 
 @dataclass(frozen=True, eq=False)
-class Way:
+class AxisAngles:
     """How the axes stood or turned in one row.
 
     Parameters
@@ -51,7 +51,7 @@ def declared(bench: Turntable) -> dict[str, Parameter]:
     return bench.acting() | {"latitude": latitude}
 
 
-def planned(bench: Turntable, steps: Sequence[TableStep]) -> list[Way]:
+def planned(bench: Turntable, steps: Sequence[TableStep]) -> list[AxisAngles]:
     """Return the ways that steps ask for; of a rotation one turn at its steady rate.
 
     Parameters
@@ -61,16 +61,16 @@ def planned(bench: Turntable, steps: Sequence[TableStep]) -> list[Way]:
         In the order they were carried out: a rotation may begin where the step before has ended.
     """
     now = np.zeros(len(bench.axes))
-    ways: list[Way] = []
+    ways: list[AxisAngles] = []
     for step in steps:
         if step.angles is not None:
             now = np.array(step.angles, dtype=float)
         if isinstance(step, Position):
-            ways.append(Way(np.zeros(1), now[None]))
+            ways.append(AxisAngles(np.zeros(1), now[None]))
             continue
         turned = np.zeros((_TURN, len(now)))
         turned[:, step.axis] = np.linspace(0, copysign(2 * pi, step.angle), _TURN)
-        ways.append(Way(np.linspace(0, 2 * pi / step.rate, _TURN), now + turned))
+        ways.append(AxisAngles(np.linspace(0, 2 * pi / step.rate, _TURN), now + turned))
         now = now.copy()
         now[step.axis] += step.angle
     return ways
@@ -94,7 +94,7 @@ class Row:
     dw: Mapping[str, Array]
 
 
-def row(bench: Turntable, way: Way) -> Row:
+def row(bench: Turntable, way: AxisAngles) -> Row:
     """Return what is felt in one row with the bench as its readback says.
 
     Raises
@@ -135,7 +135,7 @@ def row(bench: Turntable, way: Way) -> Row:
 
 
 def rows(
-    bench: Turntable, ways: Sequence[Way]
+    bench: Turntable, ways: Sequence[AxisAngles]
 ) -> tuple[Motion, dict[str, Array], dict[str, Array]]:
     """Return all rows: the motion, (..., r, 3), ∂f and ∂ω by the bench's parameters.
 

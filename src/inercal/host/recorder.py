@@ -32,7 +32,7 @@ _TRIAD = 3
 _SAID_AGAIN = 60.0  # s
 
 
-class Account(Closing):
+class RunRecorder(Closing):
     """The account of one run, begun or resumed; a context manager.
 
     Parameters
