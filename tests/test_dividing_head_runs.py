@@ -675,7 +675,7 @@ def test_coloured_noise_is_in_the_standard_error(seconds: float, most: float):
     marks = [Mark(step.label, k * n, (k + 1) * n) for k, step in enumerate(steps)]
     phi = np.exp(-1 / rate / seconds)
     ratio: list[Array] = []
-    for seed in range(20):
+    for seed in range(100):
         noise = np.random.default_rng(seed).standard_normal((24 * n + 1000, 2))
         data = np.asarray(lfilter([1.0], [1.0, -phi], noise, axis=0))[1000:]
         recording = Recording(np.arange(24 * n) / rate, data, ("a", "b"), ("m/s²", "m/s²"))
