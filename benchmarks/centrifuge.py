@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares as scipy_least_squares
-from tests.accuracy.centrifuge import PAPER_G, RATES, Triad, felt, printed_attitudes
+from tests.accuracy.centrifuge import PAPER_G, RATES, Triad, printed_attitudes, sensed_motion
 
 from benchmarks import Row, best
 from inercal.benches import Centrifuge
@@ -36,7 +36,7 @@ BENCH = Centrifuge(Measured(PAPER_G, 0.0), Measured(1.0, 0.0), Measured(0.0, 0.0
 
 def draw(trials: int) -> tuple[Array, Array]:
     """Return readings (trials, 60, 3), m/s², and the rates of the rows, rad/s."""
-    f, rates = felt(printed_attitudes(), RATES)
+    f, rates = sensed_motion(printed_attitudes(), RATES)
     reading = Triad().output(f) / NOMINAL * PAPER_G
     return reading + SD * np.random.default_rng(0).standard_normal((trials, *f.shape)), rates
 

@@ -81,7 +81,7 @@ def peer(time: Array, y: Array, g: float, carry: Callable[..., Array]) -> Array:
         fit = least_squares(partial(off_gravity, means=means, g=g), np.zeros(9), method="lm")
         fits.append((fit.cost / len(rests), fit.x, rests))
     _, x, rests = min(fits, key=lambda fit: fit[0])
-    up = np.array([felt(x, y[a:b, :3].mean(axis=0)) for a, b in rests])
+    up = np.array([sensed_motion(x, y[a:b, :3].mean(axis=0)) for a, b in rests])
     up /= np.linalg.norm(up, axis=1, keepdims=True)
     ways = [(before[1] - 1, after[0]) for before, after in pairwise(rests)]
     rates = y[:, 3:] - y[:first, 3:].mean(axis=0)
@@ -120,12 +120,12 @@ def full(x: Array) -> Array:
     return np.array([[1, -yz, zy], [xz, 1, -zx], [-xy, yx, 1]]) * (1 + x[6:9])
 
 
-def felt(x: Array, y: Array) -> Array:
+def sensed_motion(x: Array, y: Array) -> Array:
     return (y + x[6:9]) @ upper(x).T
 
 
 def off_gravity(x: Array, means: Array, g: float) -> Array:
-    return np.linalg.norm(felt(x, means), axis=1) - g
+    return np.linalg.norm(sensed_motion(x, means), axis=1) - g
 
 
 def one_by_one(time: Array, rates: Array, ways: Ways, up: Array) -> Array:

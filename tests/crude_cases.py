@@ -155,7 +155,7 @@ def on_the_arm(folder: Path, seed: int) -> Case:
     # The frame of norms: x along the first input axis, y in the plane of the first two.
     imu = handheld.triangular(device(rng))
     places = [*centrifuge.full_circle(), *centrifuge.printed_attitudes()]
-    force, rate = centrifuge.felt(places, centrifuge.RATES, gravity=G0)
+    force, rate = centrifuge.sensed_motion(places, centrifuge.RATES, gravity=G0)
     y = force * centrifuge.PAPER_G / G0 @ imu.M_a.T + imu.b_a / G0
     y = y + 1e-4 * rng.standard_normal(y.shape)
     names = [f"p{k:02d}" for k in range(len(places))] * len(centrifuge.RATES)

@@ -231,9 +231,9 @@ def test_what_level_and_autocollimator_read_is_taken_out(tmp_path: Path):
         ),
     )
     outcome = calibrate(run_file(tmp_path, *told, more=""))
-    natural = outcome.calibration.sensor.natural
+    unit_scale = outcome.calibration.sensor.unit_scale
     off = dict(
-        zip(outcome.calibration.sensor.coefficients, table.error(outcome) / natural, strict=True)
+        zip(outcome.calibration.sensor.coefficients, table.error(outcome) / unit_scale, strict=True)
     )
     assert max(abs(x) for x in off.values()) < 1e-12
     # Formulas of the stated angles are told too: 300 times less of it is left.

@@ -65,7 +65,7 @@ def test_norms_jacobian_and_noise_agree_with_dense_algebra():
 
 def case(sensor: Sensor, seed: int) -> tuple[Array, Array, Array, Array]:
     rng = np.random.default_rng(seed)
-    c = 1e-4 * rng.normal(size=(TRIALS, len(sensor.coefficients))) * sensor.natural
+    c = 1e-4 * rng.normal(size=(TRIALS, len(sensor.coefficients))) * sensor.unit_scale
     y = 5 * G0 * rng.normal(size=(TRIALS, ROWS, len(sensor.axes)))
     return y, covariances(rng, TRIALS, ROWS, len(sensor.axes)), c, rng.uniform(1, 9, (TRIALS, ROWS))
 

@@ -59,7 +59,7 @@ def test_without_noise_and_errors_the_truth_comes_back(tmp_path: Path):
     run = run_of(tmp_path, *EXACT)
     write_recording(named_as_in(run, simulate(run)), run.file(run.data.file))
     error = calibrate(run).calibration.values - truth(run)
-    assert np.abs(error / run.sensor.natural).max() < 1e-10
+    assert np.abs(error / run.sensor.unit_scale).max() < 1e-10
 
 
 def test_a_result_in_the_symmetric_frame_is_compared_with_the_truth_in_it(tmp_path: Path):

@@ -75,7 +75,7 @@ def test_the_example_finds_what_made_its_table(tmp_path: Path):
 
 def test_attitudes_in_the_report_are_those_at_the_rows_temperatures():
     outcome = calibrate(EXAMPLE / "soaks.toml")
-    felt = outcome.felt().f
+    felt = outcome.sensed_motion().f
     # Tilts of 0.1° turn gravity and leave its size.
     assert np.abs(np.linalg.norm(felt, axis=1) / 9.80747 - 1).max() < 2e-4
 

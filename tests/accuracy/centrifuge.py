@@ -62,7 +62,7 @@ def full_circle() -> list[tuple[float, float]]:
     ]
 
 
-def felt(
+def sensed_motion(
     attitudes: list[tuple[float, float]],
     rates: list[float],
     radius: float = 1.0,

@@ -148,7 +148,7 @@ def test_xsens_moves_without_a_pose_as_its_uncertainties_say(xsens: Outcome):
     def covariance(seen: Observations) -> Array:
         rests = Rests(seen, sensor, bench)
         rows = rests.rows(estimate.value)
-        size = np.concatenate([sensor.natural, [known.sd for known in rests.beside]])
+        size = np.concatenate([sensor.unit_scale, [known.sd for known in rests.beside]])
         J = whitener(rests, rows, scatter)(rows.jacobian) * size
         prior = np.diag([0.0] * p + [1.0] * len(rests.beside))
         variance: Array = np.diag(np.asarray(np.linalg.inv(J.T @ J + prior), dtype=float))

@@ -89,7 +89,7 @@ def drawn(path: Path, seed: int) -> Run:
     """Return the run of a sensor that is drawn, and write what it gives on the simulated bench."""
     run = read(path)
     rng = np.random.default_rng(seed)
-    c = SMALL * rng.standard_normal(len(run.sensor.coefficients)) * run.sensor.natural
+    c = SMALL * rng.standard_normal(len(run.sensor.coefficients)) * run.sensor.unit_scale
     truth = dict(zip(run.sensor.coefficients, c.tolist(), strict=True))
     for prior in run.priors:
         of_prior = rng.multivariate_normal(prior.mean, prior.covariance)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from inercal.benches.dividing_head.bench import DividingHead, felt, mounted, positions
+from inercal.benches.dividing_head.bench import DividingHead, mounted, positions, sensed_motion
 from inercal.benches.dividing_head.passes import lacking, passes, ramps
 from inercal.errors import InputError
 from inercal.units import Measured
@@ -17,7 +17,7 @@ BENCH = DividingHead(Measured(9.8, 1e-5), (1e-5, 1e-5), 1e-5, 5e-7, base=1e-5, p
 
 
 def test_x_is_level_then_up_then_level_then_down():
-    f = felt(BENCH, positions(4), {}).f
+    f = sensed_motion(BENCH, positions(4), {}).f
     assert f / 9.8 == pytest.approx(
         np.array([[0, 1, 0], [1, 0, 0], [0, -1, 0], [-1, 0, 0]], dtype=float), abs=1e-15
     )
@@ -44,15 +44,15 @@ def test_slopes_are_those_of_the_force(collimated: str):
     rng = np.random.default_rng(2)
     declared = bench.acting(steps)
     q = {n: np.array(p.value + 0.01 * rng.standard_normal()) for n, p in declared.items()}
-    made = felt(bench, steps, q)
+    made = sensed_motion(bench, steps, q)
     assert set(made.df) == set(declared)
     for name in declared:
-        near, far = (felt(bench, steps, q | {name: q[name] + h}).f for h in (-1e-5, 1e-5))
+        near, far = (sensed_motion(bench, steps, q | {name: q[name] + h}).f for h in (-1e-5, 1e-5))
         assert made.df[name] == pytest.approx((far - near) / 2e-5, abs=1e-8)
 
 
 def test_a_pair_shares_the_head_and_differs_by_the_trim():
-    made = felt(BENCH, positions(12), {})
+    made = sensed_motion(BENCH, positions(12), {})
     turned = {name: np.hypot(*by[:, :2].T) / 9.8 for name, by in made.df.items()}
     assert np.flatnonzero(turned["division[f01]"]).tolist() == [0, 6]
     assert np.flatnonzero(turned["division[f04]"]).tolist() == [3, 9]
@@ -79,21 +79,25 @@ def test_a_level_on_the_base_tells_its_tilt():
     told = [replace(s, level=tilt) for s, tilt in zip(steps, tilts, strict=True)]
     # Its zero is not the plumb line's: from its mean on.
     pier = {f"pier[{s.label}]": np.array(t - 0.5e-6) for s, t in zip(steps, tilts, strict=True)}
-    assert felt(BENCH, told, {}).f == pytest.approx(felt(BENCH, steps, pier).f, abs=1e-14)
+    assert sensed_motion(BENCH, told, {}).f == pytest.approx(
+        sensed_motion(BENCH, steps, pier).f, abs=1e-14
+    )
 
 
 def test_what_the_autocollimator_reads_takes_the_heads_place():
     steps = [replace(s, reading=1e-6 * k) for k, s in enumerate(positions(4), start=1)]
     faces = (0.0, 5e-6, -3e-6, 2e-6, 7e-6, 0.0, 0.0, 0.0)  # read at 0°, 45°, 90°, …
     every = replace(BENCH, collimated="every", polygon=faces)
-    assert angle(felt(every, steps, {}).f) == pytest.approx(
+    assert angle(sensed_motion(every, steps, {}).f) == pytest.approx(
         np.array([-1.5e-6, -0.5e-6 - 3e-6, 0.5e-6 + 7e-6, 1.5e-6]), abs=1e-14
     )
     pairs = replace(BENCH, collimated="pairs", polygon=faces)
-    assert angle(felt(pairs, steps, {}).f) == pytest.approx(
+    assert angle(sensed_motion(pairs, steps, {}).f) == pytest.approx(
         np.array([0.0, 0.0, 2e-6 + 7e-6, 2e-6 + 3e-6]), abs=1e-14
     )
-    assert np.array_equal(angle(felt(replace(BENCH, collimated="none"), steps, {}).f), np.zeros(4))
+    assert np.array_equal(
+        angle(sensed_motion(replace(BENCH, collimated="none"), steps, {}).f), np.zeros(4)
+    )
 
 
 @pytest.mark.parametrize("collimated", ["pairs", "every"])
@@ -102,20 +106,20 @@ def test_how_angles_of_collimated_positions_were_rounded_does_not_count(collimat
     steps = positions(4, reverse=True)
     rounded = [replace(s, angle=round(s.angle, 4)) for s in steps]
     bench = replace(BENCH, collimated=collimated)
-    made, exact = (felt(bench, some, {}) for some in (rounded, steps))
+    made, exact = (sensed_motion(bench, some, {}) for some in (rounded, steps))
     assert made.df.keys() == exact.df.keys()
     off = np.abs(made.f - exact.f).max(axis=-1) / 9.8
     trimmed = [2, 5] if collimated == "pairs" else range(8)
     assert off[trimmed].max() < 1e-15
-    plain = felt(replace(BENCH, collimated="none"), rounded, {})
-    assert plain.df.keys() == felt(replace(BENCH, collimated="none"), steps, {}).df.keys()
+    plain = sensed_motion(replace(BENCH, collimated="none"), rounded, {})
+    assert plain.df.keys() == sensed_motion(replace(BENCH, collimated="none"), steps, {}).df.keys()
 
 
 def test_a_face_is_looked_for_where_the_autocollimator_is_read_alone():
     four = replace(BENCH, polygon=(0.0,) * 4)
-    assert felt(four, positions(12), {}).f.shape == (12, 3)
+    assert sensed_motion(four, positions(12), {}).f.shape == (12, 3)
     with pytest.raises(InputError, match="30° is on no face of a polygon of 4"):
-        felt(replace(four, collimated="every"), positions(12), {})
+        sensed_motion(replace(four, collimated="every"), positions(12), {})
 
 
 def test_orders_of_visit():
@@ -143,14 +147,14 @@ def angle(f: NDArray[np.float64]) -> NDArray[np.float64]:
 def test_a_face_errs_alike_in_both_passes_and_in_both_members_of_a_pair():
     bench = replace(BENCH, certificate=5e-7)
     forth = positions(4, reverse=True)
-    made = felt(replace(bench, collimated="every"), forth, {})
+    made = sensed_motion(replace(bench, collimated="every"), forth, {})
     weights = {
         name: np.round((by[:, :2] * [[0, -1]] + by[:, :2] * [[1, 0]]).sum(-1) / 9.8, 9)
         for name, by in made.df.items()
     }
     assert np.flatnonzero(weights["polygon[f02]"]).tolist() == [1, 6]
     assert "division[f01]" not in made.df
-    pairs = felt(bench, forth, {})
+    pairs = sensed_motion(bench, forth, {})
     turned = {name: np.hypot(*by[:, :2].T) / 9.8 for name, by in pairs.df.items()}
     assert np.flatnonzero(turned["polygon[f01]"]).tolist() == [2, 5]
     assert np.array_equal(pairs.df["polygon[f01]"], -pairs.df["polygon[f03]"])
@@ -194,7 +198,7 @@ def test_a_bench_that_cannot_be_is_refused(change: dict[str, Any], words: str):
 def test_a_polygon_of_other_faces_is_refused():
     bench = replace(BENCH, collimated="every", polygon=(0.0,) * 8)
     with pytest.raises(InputError, match=r"f02: 30° is on no face of a polygon of 8"):
-        felt(bench, positions(12), {})
+        sensed_motion(bench, positions(12), {})
 
 
 def test_words_and_refusals():

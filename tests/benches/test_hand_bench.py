@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from inercal.benches import Hand, MeanMotion
-from inercal.benches.hand.bench import DEGREE, across, felt, tilted
+from inercal.benches.hand.bench import DEGREE, across, sensed_motion, tilted
 from inercal.earth import EARTH_RATE
 from inercal.plan import AXES, HandStep, Hold, Turn, Vector, ferraris
 from inercal.units import Measured
@@ -39,7 +39,7 @@ def nuisances(step: HandStep) -> dict[str, float]:
 
 
 def at(step: HandStep, q: dict[str, float]) -> MeanMotion:
-    return felt(step, SECONDS, {name: np.array(value) for name, value in q.items()})
+    return sensed_motion(step, SECONDS, {name: np.array(value) for name, value in q.items()})
 
 
 @pytest.mark.parametrize("step", STEPS, ids=lambda step: step.in_words())
@@ -61,7 +61,7 @@ def test_every_derivative_of_what_is_felt_is_that_of_central_differences(step: H
 @pytest.mark.parametrize("step", STEPS, ids=lambda step: step.in_words())
 def test_trials_are_worked_out_as_if_each_were_alone(step: HandStep):
     first, second = nuisances(step), {name: -v for name, v in nuisances(step).items()}
-    both = felt(step, SECONDS, {n: np.array([v, second[n]]) for n, v in first.items()})
+    both = sensed_motion(step, SECONDS, {n: np.array([v, second[n]]) for n, v in first.items()})
     for k, q in enumerate((first, second)):
         alone = at(step, q)
         assert both.f[k] == pytest.approx(alone.f, rel=1e-14, abs=1e-15)
@@ -91,7 +91,7 @@ def test_a_tilted_up_is_a_unit_vector_leaning_by_the_tangents(up: Vector):
 
 def test_a_level_face_at_rest_feels_gravity_and_the_earth_turning():
     q = {"g": np.array(9.81), "earth_up": np.array(5e-5), "earth1[z_p]": np.array(4e-5)}
-    at_rest = felt(Hold("z_p", (0.0, 0.0, 1.0), 10.0), 10.0, q)
+    at_rest = sensed_motion(Hold("z_p", (0.0, 0.0, 1.0), 10.0), 10.0, q)
     assert at_rest.f.tolist() == [0, 0, 9.81]
     assert at_rest.w[2] == 5e-5
     assert np.linalg.norm(at_rest.w[:2]) == pytest.approx(4e-5)
@@ -101,7 +101,7 @@ def test_a_slow_clock_makes_a_turn_look_quick():
     step = Turn("z_rot", (0.0, 0.0, 1.0), 2 * pi, 8.0)
     force = {f"force_{a}[z_rot]": np.zeros(()) for a in "xyz"}
     q = {"g": np.array(9.81), "timebase": np.array(0.01), "angle[z_rot]": np.array(0.1)} | force
-    assert felt(step, 8.0, q).w == pytest.approx([0, 0, (2 * pi + 0.1) / (8.0 * 1.01)])
+    assert sensed_motion(step, 8.0, q).w == pytest.approx([0, 0, (2 * pi + 0.1) / (8.0 * 1.01)])
 
 
 def test_latitude_decides_what_of_the_earths_rate_is_known():

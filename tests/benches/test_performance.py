@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from inercal import frames
 from inercal.benches import Hand
 from inercal.benches.contract import SimulatedMotion
-from inercal.benches.hand.bench import DEGREE, felt
+from inercal.benches.hand.bench import DEGREE, sensed_motion
 from inercal.benches.hand.simulation import perform
 from inercal.plan import HandStep, Hold, Turn, ferraris, six_positions
 from inercal.units import Measured
@@ -55,7 +55,7 @@ def test_means_over_a_section_are_what_the_estimator_expects_to_be_felt(step: Ha
     # Whatever the accelerometers say is the mean force during a turn: f̄ is an input there.
     force = {f"force_{a}[{step.label}]": f[:, k] for k, a in enumerate("xyz")}
     q = done.drawn | (force if isinstance(step, Turn) else {})
-    expected = felt(step, step.seconds, q)
+    expected = sensed_motion(step, step.seconds, q)
     assert f == pytest.approx(expected.f, rel=1e-12, abs=1e-12)
     assert w * step.seconds == pytest.approx(expected.w * step.seconds, abs=1e-9)
 

@@ -8,7 +8,13 @@ import numpy as np
 import pytest
 from tests.accuracy import rate_table as made
 
-from inercal.benches.rate_table.bench import RateTable, by_parameter, felt, mountings, speeds
+from inercal.benches.rate_table.bench import (
+    RateTable,
+    by_parameter,
+    mountings,
+    sensed_motion,
+    speeds,
+)
 from inercal.benches.rate_table.fixture import (
     PLANES,
     RPM,
@@ -27,7 +33,7 @@ AT_86 = 0.25 * (86 * RPM) ** 2 / 9.8
 
 def in_g(*attitudes: Any):
     steps = [Spin(str(k), 86 * RPM, 1.0, a) for k, a in enumerate(attitudes)]
-    return felt(BENCH, steps, {}).f / 9.8
+    return sensed_motion(BENCH, steps, {}).f / 9.8
 
 
 def test_planar_mountings_feel_the_centre_and_gravity():
@@ -71,7 +77,7 @@ def test_two_tilts_have_three_readings():
 @pytest.mark.parametrize("reading", ["azimuth", "dihedral", "successive"])
 def test_all_states_are_those_of_the_generator(reading: Any):
     bench = RateTable(Measured(made.G, 0.0), Measured(made.RADIUS, 0.0))
-    f = felt(bench, [*planar_plan(), *multi_angle_plan(reading)], {}).f / made.G
+    f = sensed_motion(bench, [*planar_plan(), *multi_angle_plan(reading)], {}).f / made.G
     assert f == pytest.approx(made.nominal(made.PLANAR + made.TILTED, reading), abs=1e-15)
 
 
@@ -99,16 +105,16 @@ def test_slopes_are_those_of_the_force():
     rng = np.random.default_rng(2)
     declared = BENCH.acting(steps)
     q = {n: np.array(p.value + 0.01 * rng.standard_normal()) for n, p in declared.items()}
-    made = felt(BENCH, steps, q)
+    made = sensed_motion(BENCH, steps, q)
     assert set(made.df) == set(declared)
     for name in declared:
-        near, far = (felt(BENCH, steps, q | {name: q[name] + h}).f for h in (-1e-5, 1e-5))
+        near, far = (sensed_motion(BENCH, steps, q | {name: q[name] + h}).f for h in (-1e-5, 1e-5))
         assert made.df[name] == pytest.approx((far - near) / 2e-5, abs=2e-8)
 
 
 def test_mountings_and_speeds_share_what_is_theirs():
     steps = [*planar_plan(), *multi_angle_plan()]
-    made = felt(BENCH, steps, {})
+    made = sensed_motion(BENCH, steps, {})
     acts = {
         name: {s.label for s, by in zip(steps, slope, strict=True) if by.any()}
         for name, slope in made.df.items()
@@ -151,23 +157,23 @@ def test_a_table_at_rest_knows_neither_radius_nor_rate():
         *(f"pose_{axis}[{plane}]" for axis in "xyz" for plane in PLANES),
         *(f"lean_{k}[{plane}_0]" for k in (1, 2) for plane in PLANES),
     }
-    assert felt(BENCH, steps, {}).f[0] == pytest.approx([0, 0, 9.8])
+    assert sensed_motion(BENCH, steps, {}).f[0] == pytest.approx([0, 0, 9.8])
 
 
 def test_trials_have_errors_of_their_own():
     steps = planar_plan()
     q = {"pose_x[XY]": np.array([0.0, 0.01]), "radius": np.array([0.25, 0.26])}
-    f = felt(BENCH, steps, q).f
+    f = sensed_motion(BENCH, steps, q).f
     assert f.shape == (2, 9, 3)
-    assert f[0] == pytest.approx(felt(BENCH, steps, {}).f)
+    assert f[0] == pytest.approx(sensed_motion(BENCH, steps, {}).f)
     assert f[1, 0] == pytest.approx([0, -9.8 * sin(0.01), 9.8 * cos(0.01)])
 
 
 def test_a_lean_is_felt_at_rest_alone_and_changes_no_norm():
     steps = planar_plan(speeds=(0.0, 86 * RPM))
     leaning = {f"lean_{k}[{step.label}]": 0.01 * k for k in (1, 2) for step in steps}
-    plain = felt(BENCH, steps, {}).f
-    f = felt(BENCH, steps, {name: np.array(by) for name, by in leaning.items()}).f
+    plain = sensed_motion(BENCH, steps, {}).f
+    f = sensed_motion(BENCH, steps, {name: np.array(by) for name, by in leaning.items()}).f
     # XY: x toward the centre, z up, and y = z × x along.
     assert f[0] / 9.8 == pytest.approx([0.01, 0.02, np.sqrt(1 - 5e-4)])
     assert f[1::2] == pytest.approx(plain[1::2], abs=0)
@@ -178,7 +184,7 @@ def test_over_whole_turns_a_lean_leaves_its_second_order():
     lean, azimuth = 1.7e-3, np.linspace(0, 2 * np.pi, 3600, endpoint=False)
     steps = [Spin("r", 0.0, 1.0, mounting("XY"))]
     q = {"lean_1[r]": lean * np.cos(azimuth), "lean_2[r]": -lean * np.sin(azimuth)}
-    mean = felt(BENCH, steps, q).f.mean(axis=0)
+    mean = sensed_motion(BENCH, steps, q).f.mean(axis=0)
     assert mean[0] == pytest.approx([0, 0, 9.8 * (1 - lean**2 / 2)], abs=1e-10)
 
 
@@ -199,4 +205,4 @@ def test_a_bench_that_cannot_be_is_refused(change: dict[str, Any], words: str):
 
 def test_a_step_of_unknown_attitude_is_refused():
     with pytest.raises(InputError, match="attitude"):
-        felt(BENCH, [Spin("a", 1.0)], {})
+        sensed_motion(BENCH, [Spin("a", 1.0)], {})

@@ -6,7 +6,7 @@ from math import pi
 import numpy as np
 import pytest
 
-from inercal.benches.rate_table.bench import RateTable, felt
+from inercal.benches.rate_table.bench import RateTable, sensed_motion
 from inercal.benches.rate_table.fixture import RPM, by_mounting, multi_angle_plan, planar_plan
 from inercal.benches.rate_table.simulation import SPIN_UP, perform_on_table, seconds_on_table
 from inercal.methods.ship_multi_angle import plan
@@ -29,7 +29,7 @@ def test_steps_are_done_mounting_by_mounting_and_in_each_by_speed():
 def test_each_state_feels_what_the_bench_says_whatever_it_errs_by():
     done = perform_on_table(LEVEL, STEPS, FS, np.random.default_rng(1), 3)
     said = done.readback
-    expected = felt(LEVEL, STEPS, done.drawn).f
+    expected = sensed_motion(LEVEL, STEPS, done.drawn).f
     for k, step in enumerate(STEPS):
         assert step.attitude is not None
         at = (done.labels == step.attitude.name) & (said["arm_rate"] == step.rate)
@@ -62,7 +62,7 @@ def test_the_acceleration_of_the_table_is_felt_and_limited():
 def test_a_lean_is_one_in_the_room_and_swings_once_a_turn():
     done = perform_on_table(LEANING, STEPS, FS, np.random.default_rng(3), 2)
     said = done.readback
-    expected = felt(LEANING, STEPS, done.drawn).f
+    expected = sensed_motion(LEANING, STEPS, done.drawn).f
     sizes: list[np.ndarray] = []
     for k, step in enumerate(STEPS):
         assert step.attitude is not None

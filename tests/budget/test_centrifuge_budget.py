@@ -127,20 +127,24 @@ def dense(attitudes: str, bench: Centrifuge) -> dict[str, Array]:
     out, up = (np.array([getattr(step.attitude, end) for step in steps]) for end in ("out", "up"))
     y = TRIAD.output(-np.sqrt(a)[:, None] * out + up)
 
-    def felt(theta: Array) -> Array:
+    def sensed_motion(theta: Array) -> Array:
         s, b, d = theta.reshape(3, 3)
         u = (y - b) / s
         return 2 * u / (1 + np.sqrt(1 + 4 * d * u))
 
     at = np.concatenate([TRIAD.scale, TRIAD.bias, TRIAD.bend])
     step = np.repeat([1e-5, 1e-4, 1e-7], 3)
-    n = np.linalg.norm(felt(at), axis=1)
+    n = np.linalg.norm(sensed_motion(at), axis=1)
     columns = [
-        (np.linalg.norm(felt(at + row), axis=1) - np.linalg.norm(felt(at - row), axis=1)) / (2 * h)
+        (
+            np.linalg.norm(sensed_motion(at + row), axis=1)
+            - np.linalg.norm(sensed_motion(at - row), axis=1)
+        )
+        / (2 * h)
         for row, h in zip(np.diag(step), step, strict=True)
     ]
     bench_columns = [(made(**{k: sd}) - made(**{k: -sd})) / 2 for k, sd in sds.items()]
-    f = felt(at)
+    f = sensed_motion(at)
     along = f / n[:, None] / (TRIAD.scale * (1 + 2 * TRIAD.bend * f))
     sigma = NOISE * np.linalg.norm(along, axis=1)
     rows = np.stack([*columns, *(-c for c in bench_columns)], axis=1) / sigma[:, None]

@@ -46,7 +46,7 @@ def estimate(
     return least_squares(
         Problem(
             names, np.zeros(6), lambda x: (y - x @ design.T, design), np.full(rows, SD),
-            SENSOR.natural, candidates=candidates,
+            SENSOR.unit_scale, candidates=candidates,
         )
     )  # fmt: skip
 
@@ -107,7 +107,7 @@ def test_an_outlying_row_is_named() -> None:
     outlying = least_squares(
         Problem(
             SENSOR.coefficients, np.zeros(6), lambda x: (readings - x @ design.T, design),
-            np.full(30, SD), SENSOR.natural, candidates=lambda _: rows,
+            np.full(30, SD), SENSOR.unit_scale, candidates=lambda _: rows,
         )
     )  # fmt: skip
     one = graded(outlying)

@@ -31,8 +31,8 @@ def calibration(sensor: Sensor, *groups: str, seed: int = 5) -> Calibration:
     rng = np.random.default_rng(seed)
     modelled = sensor.with_coefficients(*groups)
     p = len(modelled.coefficients)
-    values = 0.03 * modelled.natural * rng.uniform(-1, 1, p)
-    return Calibration(modelled, values, random_covariance(rng, 2e-4 * modelled.natural))
+    values = 0.03 * modelled.unit_scale * rng.uniform(-1, 1, p)
+    return Calibration(modelled, values, random_covariance(rng, 2e-4 * modelled.unit_scale))
 
 
 def assert_covariance(found: Array, draws: Array) -> None:
@@ -265,11 +265,11 @@ def test_the_covariance_in_another_frame_is_that_of_monte_carlo(
             }[short]
         )
     # In natural sizes, so that a coefficient is told to be certain from its own deviation.
-    natural = sensor.natural
+    unit_scale = sensor.unit_scale
     found = known.in_frame(frame)
     assert found.sensor.coefficients == sensor.coefficients
     assert_covariance(
-        found.covariance / np.outer(natural, natural), np.stack(columns, -1) / natural
+        found.covariance / np.outer(unit_scale, unit_scale), np.stack(columns, -1) / unit_scale
     )
 
 
@@ -325,7 +325,7 @@ def test_the_tilted_form_changes_frame_as_the_reference_form_does(
 def sharing(known: Calibration) -> Calibration:
     """Return it with an error of the bench that moves all coefficients."""
     rng = np.random.default_rng(3)
-    column = 1e-4 * known.sensor.natural * rng.uniform(-1, 1, known.values.size)
+    column = 1e-4 * known.sensor.unit_scale * rng.uniform(-1, 1, known.values.size)
     return replace(known, shared=(SharedError("g", "m/s²", 1e-4, column * 1e-4, "a"),))
 
 

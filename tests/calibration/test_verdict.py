@@ -20,7 +20,7 @@ def estimate(sensor: Sensor, chi2: float, dof: int, sd: float = 50e-6, **values:
     return Estimate(
         names=sensor.coefficients,
         value=np.array([given.get(name, 0.0) for name in sensor.coefficients]),
-        covariance=np.diag((sd * sensor.natural) ** 2),
+        covariance=np.diag((sd * sensor.unit_scale) ** 2),
         chi2=np.array(chi2),
         dof=dof,
         residual=np.zeros(0),

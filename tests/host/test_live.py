@@ -17,7 +17,7 @@ from inercal.host.assembly import Assembly
 from inercal.host.live import Live
 from inercal.host.log import Frame, Log
 from inercal.methods import METHODS
-from inercal.methods.turntable_kalman.follow import WAYS, apart, filtered
+from inercal.methods.turntable_kalman.follow import WAYS, filtered, split_priors
 from inercal.methods.turntable_kalman.innovations import Filtered
 from inercal.methods.turntable_kalman.ways import KINDS
 from inercal.pipeline import calibrate
@@ -66,7 +66,7 @@ def by_recording(run: Run) -> dict[str, Filtered]:
     assert isinstance(run.bench, Turntable)
     track = observe(run).observations.track
     assert track is not None
-    way, priors = WAYS[run.estimator], apart(run.sensor, run.priors)
+    way, priors = WAYS[run.estimator], split_priors(run.sensor, run.priors)
     return {kind: filtered(kind, run.sensor, run.bench, track, way, priors) for kind in KINDS}
 
 

@@ -111,10 +111,10 @@ def test_true_coefficients_keep_the_attitude_and_false_ones_lose_it(run: Run, qu
     good = in_pieces(made, before, truth(run), 100)[-1]
     assert not good.holds
     # The readback is some ms late in this log, but the table has come to rest.
-    assert np.abs(good.apart).max() < 10
+    assert np.abs(good.rotation_error).max() < 10
     assert np.abs(good.velocity).max() < 0.02
     bad = in_pieces(Navigator(run.sensor, table(run)), before, np.zeros(24), 100)[-1]
-    assert np.abs(bad.apart).max() > 1000
+    assert np.abs(bad.rotation_error).max() > 1000
 
 
 def test_velocity_stays_zero_through_a_hold(run: Run, quiet: Track):
@@ -148,4 +148,4 @@ def test_roll_pitch_and_heading_are_of_the_bodys_y_axis(
     seen = Navigator(run.sensor, bench).feed(still, np.zeros(24))
     assert (seen.roll, seen.pitch) == pytest.approx((roll, pitch), abs=1e-3)
     assert seen.heading % 360 == pytest.approx(heading % 360, abs=1e-3)
-    assert degrees(np.linalg.norm(seen.apart) * ARCSEC) < 1e-3
+    assert degrees(np.linalg.norm(seen.rotation_error) * ARCSEC) < 1e-3

@@ -85,7 +85,7 @@ def test_readings_are_those_of_the_sensor_whatever_its_terms():
     sensor = sensor.with_coefficients(
         *(f"{axis.name}.{name}" for axis in sensor.axes for name in names[axis.measures])
     )
-    c = rng.normal(size=len(sensor.coefficients)) * 1e-2 * sensor.natural
+    c = rng.normal(size=len(sensor.coefficients)) * 1e-2 * sensor.unit_scale
     felt = rng.normal(size=(30, 9)) * np.repeat([9.8, 1.0, 1.0], 3)
     exact = sensor.forward(Motion(felt[:, :3], felt[:, 3:6], felt[:, 6:], 7.0), c)
     made = Reading(sensor, c)(felt, warmer=7.0)

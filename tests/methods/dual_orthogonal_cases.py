@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from tests.accuracy import dividing_head as made
 from tests.accuracy.dividing_head import ARCSEC, TERMS, Bench, draw
 
-from inercal.benches.dividing_head.bench import DividingHead, felt, mounted, positions
+from inercal.benches.dividing_head.bench import DividingHead, mounted, positions, sensed_motion
 from inercal.estimate import Estimate, Gaussian
 from inercal.methods.dual_orthogonal import dual, joint, patent, single
 from inercal.plan import Index
@@ -43,7 +43,7 @@ class Case(NamedTuple):
 def nominal(n: int = 12) -> tuple[Array, tuple[Index, ...]]:
     """Return what the nominal pair reads at n positions, (n, 2) m/s², and the steps."""
     steps = positions(n)
-    return felt(DividingHead(Measured(G0, 0.0)), steps, {}).f[..., :2], steps
+    return sensed_motion(DividingHead(Measured(G0, 0.0)), steps, {}).f[..., :2], steps
 
 
 def observed(y: Array, steps: tuple[Index, ...], noise: float = 0.2e-6) -> Observations:

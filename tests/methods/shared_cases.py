@@ -100,13 +100,13 @@ def case(method: str, estimator: str) -> Case:
         whole = replace(whole, axes=quiet)
     sensor = chosen.prepare(whole)
     p = len(sensor.coefficients)
-    truth = 1e-4 * np.random.default_rng(5).normal(size=p) * sensor.natural
+    truth = 1e-4 * np.random.default_rng(5).normal(size=p) * sensor.unit_scale
     priors: tuple[Gaussian, ...] = ()
     if method == "dual_orthogonal":
         truth[sensor.coefficients.index("b.delta_o")] *= -1
         known = [k for k, name in enumerate(sensor.coefficients) if name[2:] in ("kip", "k3")]
         names = tuple(sensor.coefficients[k] for k in known)
-        priors = (Gaussian.independent(names, truth[known], 1e-5 * sensor.natural[known]),)
+        priors = (Gaussian.independent(names, truth[known], 1e-5 * sensor.unit_scale[known]),)
     if isinstance(bench, Centrifuge):
         # At tens of g a quadratic term of this size would fold the reading.
         truth[[name.endswith("k2") for name in sensor.coefficients]] *= 1e-2

@@ -10,9 +10,9 @@ from tests.accuracy.centrifuge import (
     PAPER_G,
     RATES,
     Triad,
-    felt,
     full_circle,
     printed_attitudes,
+    sensed_motion,
     ups,
 )
 from tests.methods.test_centrifuge_norm import (
@@ -71,7 +71,7 @@ def exact(device: Triad, sensor: Sensor) -> Array:
 
 
 def reading(device: Triad, angles: list[tuple[float, float]]) -> tuple[Array, Array]:
-    f, rates = felt(angles, RATES)
+    f, rates = sensed_motion(angles, RATES)
     return device.output(f, ups(angles, RATES), rates), rates
 
 
@@ -108,8 +108,8 @@ def assert_consistent(seed: int, trials: int) -> None:
         made = replace(made, frame="symmetric")
         found = ml(seen, made, BENCH, in_attitudes(spins, attitudes(printed_attitudes())))
         # The gauge leaves fewer free directions than coefficients: the pseudo-inverse counts those.
-        error = (found.value - exact(device, made)) / made.natural
-        spread = found.covariance / np.outer(made.natural, made.natural)
+        error = (found.value - exact(device, made)) / made.unit_scale
+        spread = found.covariance / np.outer(made.unit_scale, made.unit_scale)
         nees.append(float(error @ np.linalg.pinv(spread, rcond=1e-13, hermitian=True) @ error) / 17)
     print(f"NEES {np.mean(nees):.3f}")
     assert np.mean(nees) == pytest.approx(1, abs=4 * np.sqrt(2 / 17 / len(nees)))
@@ -130,7 +130,7 @@ def test_a_crooked_mounting_is_in_the_uncertainty_of_the_arms(seed: int):
     rng = np.random.default_rng([seed, 16])
     bench = replace(BENCH, mounting=1e-3)
     angles = printed_attitudes()
-    f, rates = felt(angles, RATES)
+    f, rates = sensed_motion(angles, RATES)
     nees: list[float] = []
     for _ in range(30):
         device = replace(symmetric_with_arms(rng), axes=np.eye(3))

@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.accuracy.centrifuge import RATES, Triad, felt, full_circle
+from tests.accuracy.centrifuge import RATES, Triad, full_circle, sensed_motion
 from tests.methods.test_centrifuge_norm import BENCH, NOISE, TRUTH, table
 
 from inercal.estimate import Estimate
@@ -28,7 +28,7 @@ SKEWED = Triad(
 
 
 def outputs(triad: Triad, seed: int, rates: list[float] = RATES) -> tuple[Array, Array]:
-    f, turned = felt(full_circle(), rates)
+    f, turned = sensed_motion(full_circle(), rates)
     noise = np.random.default_rng([seed, 1900]).standard_normal(f.shape)
     return triad.output(f) + NOISE * noise, turned
 

@@ -14,9 +14,9 @@ from tests.accuracy.centrifuge import (
     PAPER_G,
     RATES,
     Triad,
-    felt,
     full_circle,
     printed_attitudes,
+    sensed_motion,
 )
 
 from inercal.benches import Centrifuge
@@ -70,7 +70,7 @@ def off(value: Array) -> Array:
 
 
 def printed_design() -> tuple[Array, Array]:
-    return felt(printed_attitudes(), RATES)
+    return sensed_motion(printed_attitudes(), RATES)
 
 
 @pytest.fixture
@@ -137,7 +137,7 @@ def test_ml_states_the_cramer_rao_bound():
 
 
 def test_a_full_circle_is_the_better_plan():
-    f, rates = felt(full_circle(), RATES)
+    f, rates = sensed_motion(full_circle(), RATES)
     seen, made, spins = table(TRUTH.output(f), rates)
     sd = stated(ml(seen, made, BENCH, spins))
     assert sd[0, 1] == pytest.approx(1.0e-7, rel=0.05)
@@ -153,9 +153,9 @@ def condition(f: Array) -> tuple[int, float]:
 
 def test_rank_and_condition_say_what_the_count_of_positions_does_not():
     assert condition(printed_design()[0]) == (13, pytest.approx(330, rel=0.01))
-    assert condition(felt(full_circle(), RATES)[0]) == (13, pytest.approx(17, rel=0.05))
-    assert condition(felt(printed_attitudes(), RATES[:1])[0])[0] == 10
-    assert condition(felt(printed_attitudes(), RATES[:2])[0])[0] == 13
+    assert condition(sensed_motion(full_circle(), RATES)[0]) == (13, pytest.approx(17, rel=0.05))
+    assert condition(sensed_motion(printed_attitudes(), RATES[:1])[0])[0] == 10
+    assert condition(sensed_motion(printed_attitudes(), RATES[:2])[0])[0] == 13
 
 
 def drawn(seed: int, trials: int) -> tuple[Array, Array]:
@@ -224,7 +224,7 @@ def test_calibrations_together_are_those_of_each_alone():
 
 
 def test_one_rate_in_half_a_circle_leaves_one_axis_open():
-    f, rates = felt(printed_attitudes(), RATES[:1])
+    f, rates = sensed_motion(printed_attitudes(), RATES[:1])
     seen, made, spins = table(TRUTH.output(f), rates)
     with pytest.raises(NotObserved, match=r"y\.k0.*y\.k1.*y\.k2") as refusal:
         ml(seen, made, BENCH, spins)
@@ -237,13 +237,13 @@ def test_one_rate_in_half_a_circle_leaves_one_axis_open():
 
 
 def test_one_rate_all_round_is_enough():
-    f, rates = felt(full_circle(), RATES[:1])
+    f, rates = sensed_motion(full_circle(), RATES[:1])
     seen, made, spins = table(TRUTH.output(f), rates)
     assert np.abs(off(ml(seen, made, BENCH, spins).value)).max() < 1e-9
 
 
 def test_closed_formulas_refuse_what_they_cannot_do():
-    f, rates = felt(printed_attitudes(), RATES[:1])
+    f, rates = sensed_motion(printed_attitudes(), RATES[:1])
     seen, made, spins = table(TRUTH.output(f), rates)
     with pytest.raises(NotObserved, match="rank 10 of 13"):
         series(seen, made, BENCH, spins)
@@ -270,7 +270,7 @@ def test_non_orthogonality_and_cubic_terms_are_found_on_wish():
         axes=axes / np.linalg.norm(axes, axis=1, keepdims=True),
         cubic=np.array([2e-7, -1e-7, 3e-7]),
     )
-    f, rates = felt(full_circle(), RATES)
+    f, rates = sensed_motion(full_circle(), RATES)
     seen, made, spins = table(device.output(f), rates, "k3", "nonorthogonality")
     found = ml(seen, made, BENCH, spins)
     named = dict(zip(made.coefficients, found.value.tolist(), strict=True))
@@ -285,7 +285,7 @@ def test_non_orthogonality_and_cubic_terms_are_found_on_wish():
 
 @pytest.mark.parametrize("form", ["tilted", "reference"])
 def test_rotations_of_the_triad_are_not_observed(form: Form):
-    f, rates = felt(full_circle(), RATES)
+    f, rates = sensed_motion(full_circle(), RATES)
     seen, made, spins = table(TRUTH.output(f), rates, "misalignment")
     with pytest.raises(NotObserved, match=r"rotation of the triad about x \(y\.delta_o") as refusal:
         ml(seen, replace(made, form=form), BENCH, spins)
@@ -333,7 +333,7 @@ def test_errors_of_the_bench_are_in_the_uncertainty(seed: int):
                 stretched = value["radius"] * (1 + value["stretch"] * rate**2)
                 tilt = value["tilt"] + bench.dwell_tilt * rng.standard_normal()
                 a, g = w**2 * stretched + value["g"] * np.sin(tilt), value["g"] * np.cos(tilt)
-                one, _ = felt([attitude], [1.0], radius=a, gravity=g)
+                one, _ = sensed_motion([attitude], [1.0], radius=a, gravity=g)
                 rows.append(one[0])
         f = np.array(rows)
         output = TRUTH.output(f) + NOISE * rng.standard_normal(f.shape)
@@ -352,7 +352,7 @@ def test_errors_of_the_bench_are_in_the_uncertainty(seed: int):
 
 
 def test_a_static_test_as_a_prior_leaves_the_quadratic_terms_to_the_centrifuge():
-    f, rates = felt(printed_attitudes(), RATES[:1])
+    f, rates = sensed_motion(printed_attitudes(), RATES[:1])
     seen, made, spins = table(TRUTH.output(f), rates)
     k0 = TRUTH.bias[1] * PAPER_G / NOMINAL
     static = Gaussian(("y.k0",), np.array([k0]), np.array([[(1e-6 * G0) ** 2]]))

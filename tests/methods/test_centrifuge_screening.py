@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.accuracy.centrifuge import RATES, Triad, felt, full_circle, printed_attitudes
+from tests.accuracy.centrifuge import RATES, Triad, full_circle, printed_attitudes, sensed_motion
 from tests.methods.test_centrifuge_norm import BENCH, NOISE, table
 
 from inercal.errors import InputError
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 def made(seed: int) -> tuple[Array, Array]:
-    f, rates = felt(full_circle(), RATES)
+    f, rates = sensed_motion(full_circle(), RATES)
     noise = np.random.default_rng([seed, 404]).standard_normal(f.shape)
     return np.round(Triad().output(f) + NOISE * noise, 6), rates
 
@@ -32,7 +32,7 @@ def printed(data_dir: Path) -> tuple[Array, Array]:
 
 def test_the_printed_table_lost_twenty_three_signs(printed: tuple[Array, Array]):
     as_printed, corrected = printed
-    _, rates = felt(printed_attitudes(), RATES)
+    _, rates = sensed_motion(printed_attitudes(), RATES)
     seen, sensor, spins = table(as_printed, rates)
     suspects = screen(seen, sensor, BENCH, spins)
     wrong = np.argwhere(np.abs(as_printed - corrected) > 1e-4)

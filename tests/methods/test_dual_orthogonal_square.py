@@ -28,7 +28,9 @@ def test_g2_has_rank_8_and_three_null_vectors():
 def test_the_design_is_the_slope_of_the_exact_observation():
     y, _ = nominal()
     seen = square.compare(SENSOR, y, np.zeros(12), G0)
-    by_name = dict(zip(SENSOR.coefficients, (seen.jacobian * SENSOR.natural).T / G0, strict=True))
+    by_name = dict(
+        zip(SENSOR.coefficients, (seen.jacobian * SENSOR.unit_scale).T / G0, strict=True)
+    )
     assert np.abs(by_name["a.delta_o"] + by_name["b.delta_o"]).max() < 1e-15
     by_name["delta"] = by_name["b.delta_o"]
     slope = np.stack([by_name[name] for name in square.TERMS], axis=-1)
@@ -40,12 +42,12 @@ def test_slopes_of_the_exact_observation_away_from_nominal():
     rng = np.random.default_rng(5)
     y, _ = nominal()
     y = y + 1e-3 * G0 * rng.standard_normal(y.shape)
-    c = 1e-3 * SENSOR.natural * rng.standard_normal(12)
+    c = 1e-3 * SENSOR.unit_scale * rng.standard_normal(12)
     seen = square.compare(SENSOR, y, c, G0)
     by_c = jacobian(
         lambda x: np.stack([square.compare(SENSOR, y, row, G0).residual for row in x[None]])[0],
         c,
-        1e-4 * SENSOR.natural,
+        1e-4 * SENSOR.unit_scale,
     )
     assert -by_c / G0 == pytest.approx(seen.jacobian / G0, rel=1e-6, abs=1e-8)
     h = 1e-4

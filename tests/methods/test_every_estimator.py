@@ -102,14 +102,14 @@ def test_each_estimator_recovers_the_sensor(method: str, estimator: str):
         whole = replace(whole, axes=tuple(quiet))
     sensor = chosen.prepare(whole)
     p = len(sensor.coefficients)
-    c = 0.02 * np.random.default_rng(5).normal(size=p) * sensor.natural
+    c = 0.02 * np.random.default_rng(5).normal(size=p) * sensor.unit_scale
     priors: list[Gaussian] = []
     if method == "dual_orthogonal":
         c *= 0.01  # the patent's way is exact for small errors, to their squares
         c[sensor.coefficients.index("b.delta_o")] = -c[sensor.coefficients.index("a.delta_o")]
         known = [k for k, name in enumerate(sensor.coefficients) if name[2:] in ("kip", "k3")]
         names = tuple(sensor.coefficients[k] for k in known)
-        priors = [Gaussian.independent(names, c[known], 1e-3 * sensor.natural[known])]
+        priors = [Gaussian.independent(names, c[known], 1e-3 * sensor.unit_scale[known])]
     if chosen.bench is Centrifuge:
         # At tens of g a quadratic term of this size would fold the reading.
         c[[name.endswith("k2") for name in sensor.coefficients]] *= 1e-3
@@ -129,7 +129,9 @@ def test_each_estimator_recovers_the_sensor(method: str, estimator: str):
         # Rates are linear between samples, which is not so where an axis starts; the others have
         # room for that beside the readback.
         atol = 2e-5 if estimator == "paper" else 1e-6
-    np.testing.assert_allclose(found.value[:p] / sensor.natural, c / sensor.natural, atol=atol)
+    np.testing.assert_allclose(
+        found.value[:p] / sensor.unit_scale, c / sensor.unit_scale, atol=atol
+    )
 
 
 def test_classical_refuses_the_tilted_form_that_it_does_not_find():

@@ -81,7 +81,7 @@ def session(positions: int = 12, seed: int = 80) -> tuple[Rests, Array]:
     rests = Rests(replace(seen, passages=way), sensor, BENCH)
     x = rests.start()
     p = len(sensor.coefficients)
-    x[:p] = truth(device, sensor) + 1e-3 * sensor.natural * rng.standard_normal(p)
+    x[:p] = truth(device, sensor) + 1e-3 * sensor.unit_scale * rng.standard_normal(p)
     x[p:] += [1e-3, 3e-5, -2e-5, 1e-5, 2e-4]
     return rests, x
 
@@ -209,7 +209,7 @@ def test_rotations_of_neighbouring_passages_are_correlated():
 def test_derivatives_of_all_rows_are_those_by_differences():
     rests, x = session()
     rows = rests.rows(x)
-    size = np.concatenate([rests.sensor.natural, [10.0, 1.0, 1.0, 1.0, 1.0]])
+    size = np.concatenate([rests.sensor.unit_scale, [10.0, 1.0, 1.0, 1.0, 1.0]])
     columns: list[Array] = []
     for step in np.diag(1e-5 * size):
         ahead, behind = (rests.rows(x + s * step, rows.attitude).residual for s in (1, -1))

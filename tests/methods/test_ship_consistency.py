@@ -19,7 +19,7 @@ from tests.methods.ship_cases import (
     case,
 )
 
-from inercal.benches.rate_table.bench import felt
+from inercal.benches.rate_table.bench import sensed_motion
 from inercal.benches.rate_table.fixture import tilted
 from inercal.calibration.grade import assess
 from inercal.estimate import Estimate
@@ -59,7 +59,7 @@ def test_chi_square_is_that_of_the_residuals_with_their_own_covariance():
     found = of_one("planar", given)
     steps = [given.steps[k] for k in rows]
     at = np.array([3 * k + axis for k in rows for axis in range(3)])
-    f, a = felt(given.bench, steps, {}).f / G0, given.seen.mean[0, rows] / G0
+    f, a = sensed_motion(given.bench, steps, {}).f / G0, given.seen.mean[0, rows] / G0
     model, gain = level(a, f)
     spread = of_rows(given.seen, given.bench, given.steps, model.matrix)[np.ix_(at, at)]
     # Residuals move by the errors themselves and by the solution, at rows without noise.
@@ -94,7 +94,10 @@ def test_a_lean_alike_at_all_rests_is_named(name: str):
     given = case(2, 14, replace(Bench(), radius=0.0))
     rests = [step.label for step in given.steps if step.rate == 0]
     lean = {f"lean_1[{label}]": np.array(0.7 * np.pi / 180) for label in rests}
-    more = felt(given.bench, given.steps, lean).f - felt(given.bench, given.steps, {}).f
+    more = (
+        sensed_motion(given.bench, given.steps, lean).f
+        - sensed_motion(given.bench, given.steps, {}).f
+    )
     found = of_one(name, given, readings=given.seen.mean[0] + more)
     suspect = assess(found, len(SENSOR.coefficients)).suspect
     assert suspect is not None
@@ -152,7 +155,7 @@ def centripetal(given: Case, trial: int, radius: float, rate: float) -> Array:
     told = given.bench
     turned = [replace(step, rate=step.rate * (1 + rate)) for step in given.steps]
     other = replace(told, radius=replace(told.radius, value=RADIUS + radius))
-    more = felt(other, turned, {}).f - felt(told, given.steps, {}).f
+    more = sensed_motion(other, turned, {}).f - sensed_motion(told, given.steps, {}).f
     return given.seen.mean[trial] + more @ given.draw.matrix[trial].T
 
 

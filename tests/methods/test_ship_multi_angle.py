@@ -28,7 +28,7 @@ from tests.methods.ship_cases import (
     off,
 )
 
-from inercal.benches.rate_table.bench import felt
+from inercal.benches.rate_table.bench import sensed_motion
 from inercal.benches.rate_table.fixture import Reading, multi_angle_plan, planar_plan, tilted
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gaussian
@@ -86,13 +86,13 @@ def test_rank_of_error_free_data(reading: Reading):
 def test_tilts_about_the_radial_direction_see_what_the_others_do_not():
     for reading in READINGS:
         steps = multi_angle_plan(reading, "radial")
-        f = felt(declared(EXACT), steps, {}).f / G0
+        f = sensed_motion(declared(EXACT), steps, {}).f / G0
         assert rank(by_norms.rows(START, f)) == 9
 
 
 def test_the_sources_one_speed_sees_no_less():
     for reading in READINGS:
-        f = felt(declared(EXACT), multi_angle_plan(reading, one_speed=True), {}).f / G0
+        f = sensed_motion(declared(EXACT), multi_angle_plan(reading, one_speed=True), {}).f / G0
         assert rank(by_norms.rows(START, f)) == RANK[reading]
 
 
@@ -121,7 +121,7 @@ def test_the_named_directions_change_no_norm():
         move = np.array([one.weights.get(name, 0.0) for name in SENSOR.coefficients])
         there, back = (
             by_norms.residual(to_affine(SENSOR, given.truth[0] + h * move)[0], a, SQUARE)
-            for h in (1e-6 * SENSOR.natural, -1e-6 * SENSOR.natural)
+            for h in (1e-6 * SENSOR.unit_scale, -1e-6 * SENSOR.unit_scale)
         )
         assert np.abs(there - back).max() / 2e-6 < 1e-8
 

@@ -61,7 +61,7 @@ def made(method: str, estimator: str) -> tuple[Sensor, Array, Observations, list
     also = FIRST if kinds == {"f", "w"} else FIRST[:2]
     sensor = chosen.prepare(whole, also=also)
     p = len(sensor.coefficients)
-    c = 2e-3 * np.random.default_rng(5).normal(size=p) * sensor.natural
+    c = 2e-3 * np.random.default_rng(5).normal(size=p) * sensor.unit_scale
     if method == "centrifuge_norm":
         c[[name.endswith(".k2") for name in sensor.coefficients]] *= 1e-2
     steps = steps_of(method)
@@ -87,7 +87,7 @@ def priors(method: str, sensor: Sensor, c: Array) -> list[Gaussian]:
         return []
     known = [k for k, name in enumerate(sensor.coefficients) if name[2:] in ("kip", "k3")]
     names = tuple(sensor.coefficients[k] for k in known)
-    return [Gaussian.independent(names, c[known], 1e-3 * sensor.natural[known])]
+    return [Gaussian.independent(names, c[known], 1e-3 * sensor.unit_scale[known])]
 
 
 @pytest.mark.parametrize(("method", "estimator"), MEANS)
@@ -102,7 +102,7 @@ def test_each_estimator_finds_coefficients_of_temperature_or_refuses_them_by_nam
             solve(seen, sensor, bench_of(method), steps, told)
         return
     found = solve(seen, sensor, bench_of(method), steps, told)
-    error = (found.value[: c.size] - c) / sensor.natural
+    error = (found.value[: c.size] - c) / sensor.unit_scale
     np.testing.assert_allclose(error, 0, atol=1e-6)
 
 

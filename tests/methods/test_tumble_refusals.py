@@ -59,7 +59,7 @@ def test_six_positions_that_include_no_level_one_see_the_third_harmonic(estimato
 
 def test_a_prior_tells_what_folds_apart():
     made, plan = sensor(), positions(4)
-    size = dict(zip(made.coefficients, made.natural, strict=True))
+    size = dict(zip(made.coefficients, made.unit_scale, strict=True))
     known = [
         Gaussian.independent((f"i.{name}",), [getattr(DEVICE, name) * size[f"i.{name}"]], sd)
         for name, sd in (("k3", 1e-7 * size["i.k3"]), ("kip", 1e-6 * size["i.kip"]))

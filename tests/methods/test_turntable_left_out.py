@@ -50,7 +50,7 @@ def one_of(draw: Draw, k: int) -> Observations:
     return replace(seen, mean=seen.mean[k], track=seen.track.trial(k))
 
 
-def felt(draw: Draw, table: turntable.Table = TABLE) -> tuple[Array, Array]:
+def sensed_motion(draw: Draw, table: turntable.Table = TABLE) -> tuple[Array, Array]:
     """Return f and ω of a table without errors, (n, 3) each."""
     mat, hz = turntable.attitude(draw.true), 1 / (draw.time[1] - draw.time[0])
     back = mat.swapaxes(1, 2)
@@ -102,10 +102,10 @@ def axis(k: int, values: Array) -> Array:
 
 VIOLATIONS = {
     "accelerometer asymmetry": Violation(
-        "k1_prime", 300e-6, forces=lambda d: 0.5 * np.abs(felt(d)[0])
+        "k1_prime", 300e-6, forces=lambda d: 0.5 * np.abs(sensed_motion(d)[0])
     ),
     "gyro asymmetry": Violation(
-        "scale_prime", 300e-6, rates=lambda d: 0.5 * np.abs(felt(d)[1])
+        "scale_prime", 300e-6, rates=lambda d: 0.5 * np.abs(sensed_motion(d)[1])
     ),
     "drift of gyros": Violation(
         "drift of gyros", 20 * DEG_H, rates=lambda d: share(d) * np.ones(3)
@@ -113,13 +113,13 @@ VIOLATIONS = {
     "drift of accelerometers": Violation(
         "drift of accelerometers", 500e-6 * G, forces=lambda d: share(d) * np.ones(3)
     ),
-    "k2": Violation("k2", 100e-6 / G, forces=lambda d: felt(d)[0] ** 2),
-    "k3": Violation("k3", 200e-6 / G**2, forces=lambda d: felt(d)[0] ** 3),
+    "k2": Violation("k2", 100e-6 / G, forces=lambda d: sensed_motion(d)[0] ** 2),
+    "k3": Violation("k3", 200e-6 / G**2, forces=lambda d: sensed_motion(d)[0] ** 3),
     "g-sensitivity": Violation(
-        "gy.g_o", 10 * DEG_H / G, rates=lambda d: axis(1, felt(d)[0][:, 0])
+        "gy.g_o", 10 * DEG_H / G, rates=lambda d: axis(1, sensed_motion(d)[0][:, 0])
     ),
     "g²-sensitivity": Violation(
-        "gx.g_ii", 20 * DEG_H / G**2, rates=lambda d: axis(0, felt(d)[0][:, 0] ** 2)
+        "gx.g_ii", 20 * DEG_H / G**2, rates=lambda d: axis(0, sensed_motion(d)[0][:, 0] ** 2)
     ),
     "right angles": Violation(
         "square", 1.0, table=replace(TABLE, square=30 * ARCSEC)

@@ -154,7 +154,7 @@ def test_jacobians_are_those_of_the_residuals(kind: str):
 
     residual, jacobian = rows(theta, q)
     for k, name in enumerate(names):
-        step = 1e-4 * part.part.sensor.natural[k]
+        step = 1e-4 * part.part.sensor.unit_scale[k]
         up, down = (rows(theta + s * step * np.eye(len(names))[k], q)[0] for s in (1, -1))
         off = np.abs((up - down) / (2 * step) + jacobian[:, k]).max()
         assert off < 2e-3 * np.abs(jacobian[:, k]).max(), name

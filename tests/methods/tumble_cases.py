@@ -60,7 +60,7 @@ def seen(plan: Sequence[Index], reading: Array, sd: float = NOISE) -> Observatio
 
 def in_g(found: Estimate, made: Sensor) -> dict[str, Array]:
     p = len(made.coefficients)
-    value = found.value[..., :p] / made.natural
+    value = found.value[..., :p] / made.unit_scale
     return {name[2:]: value[..., k] for k, name in enumerate(made.coefficients)}
 
 
@@ -72,12 +72,12 @@ def truth(device: Device, made: Sensor) -> Array:
 
 def error(found: Estimate, made: Sensor, device: Device = DEVICE) -> Array:
     p = len(made.coefficients)
-    return found.value[..., :p] / made.natural - truth(device, made)
+    return found.value[..., :p] / made.unit_scale - truth(device, made)
 
 
 def spread(found: Estimate, made: Sensor) -> Array:
     p = len(made.coefficients)
-    return found.covariance[..., :p, :p] / np.outer(made.natural, made.natural)
+    return found.covariance[..., :p, :p] / np.outer(made.unit_scale, made.unit_scale)
 
 
 def run(
@@ -102,7 +102,7 @@ def all_of(
     """Return values and covariances of trials, in g; `fourier` takes one at a time."""
     if estimator is fourier:
         alone = [fourier(replace(observed, mean=mean), made, bench, plan) for mean in observed.mean]
-        value = np.array([found.value for found in alone]) / made.natural
+        value = np.array([found.value for found in alone]) / made.unit_scale
         return value, np.array([spread(found, made) for found in alone])
     found = estimator(observed, made, bench, plan)
-    return found.value[:, : len(made.coefficients)] / made.natural, spread(found, made)
+    return found.value[:, : len(made.coefficients)] / made.unit_scale, spread(found, made)

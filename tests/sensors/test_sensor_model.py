@@ -40,7 +40,7 @@ LARGE = {"nonlinearity": 1e-3, "rotation": 1e-5, "arm": 1e-4, "temperature": 1e-
 def coefficients(sensor: Sensor, seed: int = 7) -> np.ndarray:
     sizes = [LARGE.get(sensor.coefficient(n).group, 5e-3) for n in sensor.coefficients]
     draw = np.random.default_rng(seed).normal(size=len(sensor.coefficients))
-    return draw * sizes * sensor.natural
+    return draw * sizes * sensor.unit_scale
 
 
 def test_k2_of_ten_micro_g_adds_ten_micro_g_at_one_g():
@@ -60,7 +60,7 @@ def test_one_natural_unit_reads_its_unit_at_one_g_one_rad_per_s_and_100_k(name: 
     one["dT"] = np.array(100.0)
     unit = G0 if table is ACCELEROMETER else 1.0
     factor = sum(p.factor for p in c.basis.products)
-    assert_allclose(c.natural * c.basis.value(one), unit * factor, rtol=1e-12, atol=1e-12)
+    assert_allclose(c.unit_scale * c.basis.value(one), unit * factor, rtol=1e-12, atol=1e-12)
 
 
 def test_misalignments_have_the_signs_of_ieee_1293():
@@ -93,7 +93,7 @@ def test_design_and_slope_are_the_derivatives_of_forward(form: Form):
     sensor = Sensor("s", imu().axes, tuple(EVERYTHING), form)
     c = coefficients(sensor)
     numeric = np.empty((40, 6, len(c)))
-    for j, h in enumerate(1e-6 * sensor.natural):
+    for j, h in enumerate(1e-6 * sensor.unit_scale):
         step = np.eye(len(c))[j] * h
         numeric[..., j] = (sensor.forward(MOTION, c + step) - sensor.forward(MOTION, c - step)) / (
             2 * h

@@ -54,7 +54,7 @@ def test_the_design_is_that_of_the_independent_generator(attitudes: experiment.A
         "full-circle": independent.full_circle(),
     }[attitudes]
     spins = experiment.steps(attitudes)
-    f, rates = independent.felt(angles, independent.RATES)
+    f, rates = independent.sensed_motion(angles, independent.RATES)
     assert np.abs(experiment.force(spins) - f).max() < 1e-12
     assert [step.rate for step in spins] == rates.tolist()
     phi = 1e-3 * np.array([[0, 1, -2], [1, 0, 3], [-2, 3, 0]])
@@ -67,7 +67,9 @@ def test_the_design_is_that_of_the_independent_generator(attitudes: experiment.A
 
 def test_the_earths_rate_adds_to_the_arms():
     up = 7.292115e-5 * np.sin(np.radians(39))
-    f, _ = independent.felt(independent.printed_attitudes(), independent.RATES, earth_up=up)
+    f, _ = independent.sensed_motion(
+        independent.printed_attitudes(), independent.RATES, earth_up=up
+    )
     found = experiment.force(experiment.steps(), experiment.LATITUDE)
     assert np.abs(found - f).max() < 1e-9
 

@@ -65,7 +65,7 @@ class Shown(Protocol):
         """The bench's parameters as they were stated, by full name."""
         ...
 
-    def felt(self, w: Array | None = None) -> Motion:
+    def sensed_motion(self, w: Array | None = None) -> Motion:
         """Return what the means say was felt, by the calibration."""
         ...
 
@@ -100,7 +100,7 @@ def direction(step: Step, vector: Array, nominal: Array | None) -> Direction:
 
 def by_mean_motion(shown: Shown) -> tuple[Direction, ...]:
     """Return the direction of the specific force in each row, against that of the bench as set."""
-    made, felt = shown.bench.mean_motion(shown.steps, {}).motion, shown.felt()
+    made, felt = shown.bench.mean_motion(shown.steps, {}).motion, shown.sensed_motion()
     return tuple(direction(step, felt.f[k], made.f[k]) for k, step in enumerate(shown.steps))
 
 

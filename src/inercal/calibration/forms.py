@@ -92,7 +92,7 @@ def ieee1293(sensor: Sensor, values: Array, covariance: Array, shared: Shared = 
             elif short.startswith("delta"):
                 result.append(by_name[full] / (gain if sensor.form == "reference" else 1.0))
             else:
-                result.append(by_name[full] / gain / sensor.coefficient(full).natural)
+                result.append(by_name[full] / gain / sensor.coefficient(full).unit_scale)
         return np.array(result)
 
     found, by = linearised(convert, values, covariance)

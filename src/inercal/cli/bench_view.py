@@ -125,7 +125,7 @@ def _found(run: "BenchRun") -> "list[RenderableType]":
         made.append(Text(
             f"attitude: roll {at.roll:.3f} °, pitch {at.pitch:.3f} °, heading {at.heading:.3f} °; "
             "from the table's "
-            + " ".join(f"{x:+.1f} ″" for x in at.apart)
+            + " ".join(f"{x:+.1f} ″" for x in at.rotation_error)
             + "; velocity " + " ".join(f"{v:+.3f}" for v in at.velocity) + " m/s"
         ))  # fmt: skip
     values: dict[str, tuple[float, float]] = {

@@ -20,7 +20,7 @@ from inercal.benches.turntable.attitude import earth, reference
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.epochs import GAP
 from inercal.methods.turntable.model import ARCSEC
-from inercal.methods.turntable.strapdown import apart, copy, rotate
+from inercal.methods.turntable.strapdown import copy, rotate, rotation_error
 from inercal.recording import Track
 from inercal.sensors import Sensor
 from inercal.sensors.inverse import inverse
@@ -51,7 +51,7 @@ class Navigation(NamedTuple):
     pitch: float
     heading: float
     velocity: Array
-    apart: Array
+    rotation_error: Array
     holds: bool
 
 
@@ -96,7 +96,7 @@ class Navigator:
         self._felt = np.stack([f[-1], w[-1]])
         self._time, self._hold = float(track.time[-1]), int(track.hold[-1])
         off = np.empty(3)
-        apart(reference(self._bench, track.angles[-1:])[0], self._c, off)
+        rotation_error(reference(self._bench, track.angles[-1:])[0], self._c, off)
         c = self._c.copy()
         return Navigation(
             self._time,

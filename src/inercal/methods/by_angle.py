@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.benches.dividing_head.bench import DividingHead, drift_names, felt
+from inercal.benches.dividing_head.bench import DividingHead, drift_names, sensed_motion
 from inercal.benches.dividing_head.bench import positions as on_head
 from inercal.benches.dividing_head.head_angles import angles
 from inercal.benches.dividing_head.passes import pass_names, ramps
@@ -157,7 +157,7 @@ def as_stated(
             f"position {steps[worst].label} is known to stand {np.degrees(beyond[worst]):.3g}° "
             "beyond its angle, too far for formulas of the angles themselves; use joint"
         )
-    made = felt(bench, steps, {})
+    made = sensed_motion(bench, steps, {})
     slope = sensor.slope(made.motion, np.zeros(len(sensor.coefficients)))[..., :3]
     turned = (slope @ made.df["base"][..., None])[..., 0]
     return replace(observations, mean=observations.mean - beyond[:, None] * turned)

@@ -267,14 +267,14 @@ def of_priors(sensor: Sensor, told: Sequence[str], column: Mapping[str, Array]) 
     ]
 
 
-def natural(parameter: Parameter) -> float:
+def unit_scale(parameter: Parameter) -> float:
     """Return the natural size of a bench's parameter, SI, which makes columns comparable."""
     return _NATURAL.get(parameter.unit, 1.0)
 
 
 def _largest(parameter: Parameter) -> float:
     """Return the largest plausible departure of a bench's parameter from what was stated, SI."""
-    size = max(abs(parameter.value), natural(parameter))
+    size = max(abs(parameter.value), unit_scale(parameter))
     return max(largest_angle(parameter.name, LARGEST * size), 10 * parameter.sd)
 
 

@@ -80,7 +80,7 @@ def classical(
 
     flat = observations.mean.ravel()
     value, spread = propagate(formulas, flat, observations.full_covariance)
-    information = np.linalg.inv(spread / np.outer(sensor.natural, sensor.natural))
+    information = np.linalg.inv(spread / np.outer(sensor.unit_scale, sensor.unit_scale))
     singular = np.sqrt(np.linalg.eigvalsh(information)[::-1])
     found = Estimate.of_formulas(sensor.coefficients, value, spread, singular, (NOISE_ALONE,))
     return _tested(found, ml(observations, sensor, bench, steps))

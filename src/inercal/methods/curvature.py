@@ -23,7 +23,7 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.benches import Hand
-from inercal.benches.hand.bench import felt
+from inercal.benches.hand.bench import sensed_motion
 from inercal.estimate import Estimate
 from inercal.motion import Motion
 from inercal.plan import HandStep, Hold
@@ -77,7 +77,7 @@ def of_tilts(
     eta = np.zeros((*lead, len(loose), m, 2, len(estimate.names)))
     for n, place in enumerate(loose):
         step = done[place]
-        row = felt(step, float(durations[place]), q)
+        row = sensed_motion(step, float(durations[place]), q)
         # The second derivative to a tangent is minus the vector that leans.
         leans, part = (row.f, slope[..., :3]) if isinstance(step, Hold) else (row.w, slope[..., 3:])
         bends = -(part @ leans[..., None])[..., 0]

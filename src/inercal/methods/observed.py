@@ -71,7 +71,7 @@ def require_observed(estimate: Estimate, sensor: Sensor, missing: Sequence[HandS
         Naming the coefficients and the directions.
     """
     p = len(sensor.coefficients)
-    scaled = estimate.covariance[..., :p, :p] / np.outer(sensor.natural, sensor.natural)
+    scaled = estimate.covariance[..., :p, :p] / np.outer(sensor.unit_scale, sensor.unit_scale)
     trials = scaled.reshape(-1, p, p)
     # Of many trials the one that knows its weakest direction least stands for all.
     variance, directions = np.linalg.eigh(trials[np.argmax(np.linalg.eigvalsh(trials)[:, -1])])

@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.benches.rate_table.bench import RateTable, by_parameter, felt
+from inercal.benches.rate_table.bench import RateTable, by_parameter, sensed_motion
 from inercal.estimate import Candidate, Gaussian, Problem, Scored, scored
 from inercal.estimate.once import Once
 from inercal.estimate.scores import UNSCORED
@@ -99,7 +99,7 @@ def by_stated(bench: RateTable, steps: Sequence[Spin], gain: Array) -> dict[str,
     gain : (..., 12, 3 r) array
         As of `consistency`: what is stated adds to f, and so takes from M a + p − f.
     """
-    made = felt(bench, steps, {}).df
+    made = sensed_motion(bench, steps, {}).df
     return {
         name: -gain @ made[name].ravel() / G0
         for name, q in bench.acting(steps).items()
@@ -164,7 +164,7 @@ def consistency(
     here = [steps[k] for k in used]
     some = observations.rows(used)
     at_level, at_groups = ([used.index(k) for k in rows] for rows in (level, groups))
-    f = felt(bench, here, {}).f / G0
+    f = sensed_motion(bench, here, {}).f / G0
     a, square = some.mean / G0, (f[at_groups] ** 2).sum(-1)
     nearest = model if level else _turned(model, a, f)
 

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
-from inercal.benches.rate_table.bench import RateTable, felt
+from inercal.benches.rate_table.bench import RateTable, sensed_motion
 from inercal.benches.rate_table.fixture import PLANES, planar_plan, tilted
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate, Gaussian, NullDirection
@@ -77,7 +77,7 @@ def require_excited(bench: RateTable, steps: Sequence[Spin]) -> None:
     """
     rows = np.zeros((max(len(steps), 4), 4))
     if steps:
-        rows[: len(steps)] = np.insert(felt(bench, steps, {}).f / G0, 3, 1.0, axis=1)
+        rows[: len(steps)] = np.insert(sensed_motion(bench, steps, {}).f / G0, 3, 1.0, axis=1)
     _, size, directions = np.linalg.svd(rows)
     free = directions[size <= _SEEN * size[0]]
     if not len(free):
@@ -138,7 +138,7 @@ def estimate_of(
     value, slope = to_coefficients(sensor, model)
     whole = slope @ covariance @ np.swapaxes(slope, -1, -2)
     trials, sd = value.shape[:-1], np.sqrt(variance)
-    first = whole.reshape(-1, 12, 12)[0] / np.outer(sensor.natural, sensor.natural)
+    first = whole.reshape(-1, 12, 12)[0] / np.outer(sensor.unit_scale, sensor.unit_scale)
     known = np.maximum(np.linalg.eigvalsh(first), np.finfo(float).tiny)
     known = known[known > _ROUNDING * known[-1]]  # the others a stated frame fixes
     return Estimate(
@@ -212,7 +212,7 @@ def of_level(
     """Return the estimate of `planar` from these rows."""
     here = [steps[k] for k in rows]
     require_excited(bench, here)
-    f = felt(bench, here, {}).f / G0
+    f = sensed_motion(bench, here, {}).f / G0
     a = observations.mean[..., rows, :] / G0
     model, gain = level(a, f)
     at = np.array([3 * k + axis for k in rows for axis in range(3)])

@@ -49,7 +49,7 @@ from dataclasses import replace
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.benches.dividing_head.bench import DividingHead, felt
+from inercal.benches.dividing_head.bench import DividingHead, sensed_motion
 from inercal.benches.dividing_head.covariance import by_bench, readings_by_bench
 from inercal.benches.dividing_head.passes import even as even_angles
 from inercal.errors import InputError, NotObserved
@@ -168,7 +168,7 @@ def fourier(
             found.append(to_term @ (row[:-1] @ sums) + add)
         return np.stack(found).reshape(*x.shape[:-1], len(terms))
 
-    y, f = observations.mean[:, 0], felt(bench, steps, {}).f
+    y, f = observations.mean[:, 0], sensed_motion(bench, steps, {}).f
     even = _even(bench, steps, f)
     x = np.append(y, bench.gravity.value)
     value = formulas(x)
@@ -185,7 +185,7 @@ def fourier(
     covariance = gain @ spread @ gain.T
     columns = readings_by_bench(sensor, bench, steps, value)
     moved = {name: -gain[:, :-1] @ column for name, column in columns.items()}
-    variance = np.linalg.eigvalsh(covariance / np.outer(sensor.natural, sensor.natural))
+    variance = np.linalg.eigvalsh(covariance / np.outer(sensor.unit_scale, sensor.unit_scale))
     singular = 1 / np.sqrt(variance)
     estimate = Estimate.of_formulas(sensor.coefficients, value, covariance, singular)
     estimate = with_tests(estimate, by_angle.problem(observations, sensor, bench, steps))
@@ -214,7 +214,7 @@ def _even(bench: DividingHead, steps: Sequence[Index], f: Array) -> Array:
         replace(step, angle=float(a), level=0.0, reading=0.0)
         for a, step in zip(_angle(steps), steps, strict=True)
     ]
-    even = felt(DividingHead(bench.gravity), plain, {}).f
+    even = sensed_motion(DividingHead(bench.gravity), plain, {}).f
     away = np.linalg.norm(f - even, axis=-1) / bench.gravity.value
     worst = int(np.argmax(away))
     if away[worst] > _NEAR:

@@ -159,7 +159,7 @@ def require_apart(sensor: Sensor, terms: Sequence[str], matrix: Array, angle: Ar
     touched = (to_term[:, lost] != 0).any(axis=1)
     names = [name for name, hit in zip(sensor.coefficients, touched, strict=True) if hit]
     f = G0 * np.stack([np.sin(angle), np.cos(angle), np.zeros_like(angle)], axis=-1)
-    design = sensor.design(Motion(f), np.zeros(len(terms)))[:, 0] * sensor.natural
+    design = sensor.design(Motion(f), np.zeros(len(terms)))[:, 0] * sensor.unit_scale
     _, size, right = np.linalg.svd(design)
     free = right[int(np.sum(size > 1e-9 * size[0])) :]
     directions = [in_natural_words(row, sensor.coefficients) for row in free]

@@ -163,12 +163,12 @@ def problem(
     warmth = temperature.offset(observations, sensor)
     columns = np.array(list(beside.values())).T
 
-    def felt(x: Array) -> MeanMotion:
+    def sensed_motion(x: Array) -> MeanMotion:
         made = feel(known | {n: x[..., p + k] for k, n in enumerate(nuisances)})
         return replace(made, motion=replace(made.motion, dT=warmth)) if warmth.ndim else made
 
     def linearise(x: Array) -> tuple[Array, Array]:
-        here = felt(x)
+        here = sensed_motion(x)
         shape = here.motion.f.shape
         df, dw = _stacked(here.df, nuisances, shape), None
         if here.dw:
@@ -182,7 +182,7 @@ def problem(
     full = observations.full_covariance if stated is None else stated
 
     def noise(x: Array) -> Array:
-        return full if dwells is None else full + dwells(x[..., :p], felt(x))
+        return full if dwells is None else full + dwells(x[..., :p], sensed_motion(x))
 
     def larger() -> Problem:
         whole = candidates.extended(sensor, warmed=observations.warmed)
@@ -278,7 +278,7 @@ def start(p: int, loose: Mapping[str, Parameter]) -> Array:
 
 def scale(sensor: Sensor, loose: Mapping[str, Parameter]) -> Array:
     """Return the natural size of each coefficient and of each of the bench's parameters."""
-    return np.concatenate([sensor.natural, [candidates.natural(q) for q in loose.values()]])
+    return np.concatenate([sensor.unit_scale, [candidates.unit_scale(q) for q in loose.values()]])
 
 
 def with_bench(loose: Mapping[str, Parameter], priors: Sequence[Gaussian]) -> tuple[Gaussian, ...]:

@@ -96,7 +96,7 @@ class Outcome:
     def _expected(self) -> Mapping[str, Parameter]:
         return self.bench.nuisances(self.steps, self.calibration.sensor)
 
-    def felt(self, w: Array | None = None) -> Motion:
+    def sensed_motion(self, w: Array | None = None) -> Motion:
         """Return what the means say was felt, by the calibration and at their temperatures.
 
         Parameters

@@ -36,7 +36,7 @@ from inercal.runfile.checks import (
 )
 from inercal.runfile.gravity import against_place
 from inercal.runfile.priors import prior_from, static_prior
-from inercal.runfile.reading import apart
+from inercal.runfile.reading import reader_options
 from inercal.runfile.schema import MethodSection, RunSchema, schema_of
 from inercal.runfile.search import searching
 from inercal.runfile.validation_errors import unknown_kind, worded
@@ -196,7 +196,7 @@ def read(path: str | Path, method_keys: Mapping[str, object] | None = None) -> R
     options: dict[str, Any] = {}
     try:
         if isinstance(content.get("data"), dict):
-            whole["data"], options = apart(content["data"], KINDS[chosen].data)
+            whole["data"], options = reader_options(content["data"], KINDS[chosen].data)
         schema = model.model_validate(whole)
     except ValidationError as error:
         raise InputError(f"{path}: {worded(error, content, model)}") from None

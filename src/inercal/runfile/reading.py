@@ -12,7 +12,7 @@ from inercal.errors import InputError
 from inercal.io.readers import known_options, owners
 
 
-def apart(
+def reader_options(
     data: Mapping[str, Any], section: type[DataSection]
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return a section [data] without the options of readers, and these.

@@ -107,12 +107,12 @@ class Sensor:
         return next(c for c in self._by_axis[axis] if c.name == short)
 
     @cached_property
-    def natural(self) -> Array:
+    def unit_scale(self) -> Array:
         """Natural size of each coefficient, SI, (p,): it reads 1 g or 1 rad/s at 1 g, 1 rad/s.
 
         Of a coefficient of temperature, 100 K from the reference temperature.
         """
-        return np.array([self.coefficient(name).natural for name in self.coefficients])
+        return np.array([self.coefficient(name).unit_scale for name in self.coefficients])
 
     @cached_property
     def affine(self) -> bool:

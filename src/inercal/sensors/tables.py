@@ -41,12 +41,12 @@ class Coefficient:
     meaning: str
     group: str  # what a run file may call it together with its kind
     # SI size that reads 1 g (or 1 rad/s) at 1 g, 1 rad/s and `SPAN` from the reference temperature
-    natural: float = field(default=1.0)
+    unit_scale: float = field(default=1.0)
 
     @property
     def largest(self) -> float:
         """The largest plausible size, SI."""
-        return LARGEST * self.natural
+        return LARGEST * self.unit_scale
 
 
 def _table(measures: float, *lines: tuple[str, str, str, float, str, str, str]):
@@ -54,8 +54,8 @@ def _table(measures: float, *lines: tuple[str, str, str, float, str, str, str]):
     table: list[Coefficient] = []
     for name, symbol, unit, si, text, group, meaning in lines:
         basis = Basis(text)
-        natural = measures / G0 ** basis.degree(*_FORCE) / SPAN ** basis.degree("dT")
-        table.append(Coefficient(name, symbol, unit, si, basis, meaning, group, natural))
+        unit_scale = measures / G0 ** basis.degree(*_FORCE) / SPAN ** basis.degree("dT")
+        table.append(Coefficient(name, symbol, unit, si, basis, meaning, group, unit_scale))
     return tuple(table)
 
 

@@ -60,8 +60,8 @@ def _require_same_axes(calibration: Calibration, like: Calibration) -> None:
 def held(calibration: Calibration) -> frozenset[str]:
     """Return the coefficients that no data stand behind: the frame or the user fixed them."""
     sensor = calibration.sensor
-    rows = zip(sensor.coefficients, calibration.std, sensor.natural, strict=True)
-    return frozenset(name for name, std, natural in rows if std <= _HELD * natural)
+    rows = zip(sensor.coefficients, calibration.std, sensor.unit_scale, strict=True)
+    return frozenset(name for name, std, unit_scale in rows if std <= _HELD * unit_scale)
 
 
 def recording_of(calibration: Calibration) -> str:

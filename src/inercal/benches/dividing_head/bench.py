@@ -226,7 +226,7 @@ class DividingHead:
 
     def mean_motion(self, steps: Sequence[Index], q: Mapping[str, Array]) -> MeanMotion:
         """Return the mean motion at each position; see `inercal.benches.contract.MeanBench`."""
-        return felt(self, steps, q)
+        return sensed_motion(self, steps, q)
 
     def reading_offsets(
         self, steps: Sequence[Index], sensor: Sensor, q: Mapping[str, Array]
@@ -259,7 +259,9 @@ def drifted(steps: Sequence[Index], channels: Sequence[str], q: Mapping[str, Arr
     return np.stack(by_axis, axis=-1)
 
 
-def felt(bench: DividingHead, steps: Sequence[Index], q: Mapping[str, Array]) -> MeanMotion:
+def sensed_motion(
+    bench: DividingHead, steps: Sequence[Index], q: Mapping[str, Array]
+) -> MeanMotion:
     """Return the specific force at each position, with its derivatives.
 
     Parameters

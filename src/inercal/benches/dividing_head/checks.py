@@ -5,7 +5,7 @@ from math import pi
 
 import numpy as np
 
-from inercal.benches.dividing_head.bench import DividingHead, felt
+from inercal.benches.dividing_head.bench import DividingHead, sensed_motion
 from inercal.benches.dividing_head.covariance import by_bench
 from inercal.benches.dividing_head.passes import passes, places
 from inercal.benches.dividing_head.settings import DividingHeadData
@@ -107,7 +107,9 @@ def tell_apart(
     steps : sequence of Index
         Of the rows.
     """
-    nominal = sensor.forward(Motion(felt(bench, steps, {}).f), np.zeros(len(sensor.coefficients)))
+    nominal = sensor.forward(
+        Motion(sensed_motion(bench, steps, {}).f), np.zeros(len(sensor.coefficients))
+    )
     left = observations.mean - nominal
     where, which = places(steps), passes(steps)
     couples = [(j, k) for k, j in enumerate(where) if j != k and which[j] != which[k]]

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.benches.dividing_head.bench import DividingHead, felt
+from inercal.benches.dividing_head.bench import DividingHead, sensed_motion
 from inercal.motion import Motion
 from inercal.plan import Index
 from inercal.sensors import Sensor
@@ -51,7 +51,7 @@ def readings_by_bench(
     An estimator that moves by `gain` with the readings, and finds what is there of a bench as it is
     stated, moves by −gain times this with what is stated.
     """
-    made = felt(bench, steps, {})
+    made = sensed_motion(bench, steps, {})
     c = np.zeros(len(sensor.coefficients)) if c is None else c
     slope = sensor.slope(Motion(made.f), c)[..., :3]
     return {

@@ -7,7 +7,7 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.benches.contract import Simulated, SimulatedMotion
-from inercal.benches.dividing_head.bench import DividingHead, drifted, felt
+from inercal.benches.dividing_head.bench import DividingHead, drifted, sensed_motion
 from inercal.motion import Motion
 from inercal.plan import Index
 from inercal.sensors import Sensor
@@ -43,7 +43,7 @@ def perform_on_head(
     """
     declared = bench.simulated(steps, sensor.channels)
     drawn = {n: q.value + q.sd * rng.standard_normal(trials) for n, q in declared.items()}
-    f = np.broadcast_to(felt(bench, steps, drawn).f, (trials, len(steps), 3))
+    f = np.broadcast_to(sensed_motion(bench, steps, drawn).f, (trials, len(steps), 3))
     drift = drifted(steps, sensor.channels, drawn)
     # A sample belongs to a position (share 0) or lies by its share on the way to the next.
     move = round(MOVE_SECONDS * rate_hz)

@@ -172,7 +172,7 @@ def tilted(up: tuple[float, float, float], t: Array) -> tuple[Array, Array]:
     return u, (d.T - u[..., :, None] * t[..., None, :] / norm[..., None]) / norm[..., None]
 
 
-def felt(step: HandStep, duration: float, q: Mapping[str, Array]) -> MeanMotion:
+def sensed_motion(step: HandStep, duration: float, q: Mapping[str, Array]) -> MeanMotion:
     """Return what the sensor feels in the mean during a step: arrays (..., 3), without rows.
 
     Parameters
@@ -191,11 +191,13 @@ def _whole(step: HandStep, q: Mapping[str, Array]) -> MeanMotion:
     """Return what is felt in a step; a turn without a force of its own has gravity along it."""
     names = [f"force_{a}[{step.label}]" for a in "xyz"]
     if isinstance(step, Hold) or names[0] in q:
-        return felt(step, step.seconds, q)
+        return sensed_motion(step, step.seconds, q)
     n, dn = tilted(step.axis, _pair(q, "axis", step.label))
     g = q["g"][..., None]
     force = g * n
-    made = felt(step, step.seconds, {**q, **{k: force[..., i] for i, k in enumerate(names)}})
+    made = sensed_motion(
+        step, step.seconds, {**q, **{k: force[..., i] for i, k in enumerate(names)}}
+    )
     by_force: dict[str, Array] = {"g": n}
     by_force |= {f"axis{k + 1}[{step.label}]": g * dn[..., k] for k in range(2)}
     df = {name: by for name, by in made.df.items() if name not in names} | by_force

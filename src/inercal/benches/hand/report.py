@@ -8,7 +8,7 @@ from inercal.plan import Hold, Turn
 
 def directions(shown: Shown) -> tuple[Direction, ...]:
     """Return the measured direction of each hold and of each turn."""
-    felt = shown.felt()
+    felt = shown.sensed_motion()
     found: list[Direction] = []
     for k, step in enumerate(shown.steps):
         if isinstance(step, Hold):

@@ -10,7 +10,7 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.benches.contract import SimulatedMotion, one_after_another
-from inercal.benches.hand.bench import Hand, across, felt, tilted
+from inercal.benches.hand.bench import Hand, across, sensed_motion, tilted
 from inercal.motion import Motion
 from inercal.plan import HandStep, Hold, Turn
 
@@ -58,7 +58,7 @@ def perform(
             parts.append((*_move(up, q["up"], drawn["g"], rate_hz), ""))
         up = q["up"]
         n = max(round(step.seconds * rate_hz), 1)
-        mean, steady = felt(step, n / rate_hz, q), _steady(step, q)
+        mean, steady = sensed_motion(step, n / rate_hz, q), _steady(step, q)
         profile = _turn_profile(n, rate_hz) if isinstance(step, Turn) else np.ones(n)
         f = np.repeat(mean.f[:, None], n, axis=1)
         w = steady[:, None] + (mean.w - steady)[:, None] * profile[:, None]
@@ -102,7 +102,7 @@ def _up(step: HandStep, drawn: dict[str, Array]) -> dict[str, Array]:
 def _steady(step: HandStep, q: dict[str, Array]) -> Array:
     """Return the part of the rate, (trials, 3), that does not follow the turn's profile."""
     if isinstance(step, Hold):
-        return felt(step, 1.0, q).w
+        return sensed_motion(step, 1.0, q).w
     return q["earth_up"][:, None] * q["up"]
 
 

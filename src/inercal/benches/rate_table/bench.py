@@ -120,7 +120,7 @@ class RateTable:
 
     def mean_motion(self, steps: Sequence[Spin], q: Mapping[str, Array]) -> MeanMotion:
         """Return the mean motion of each dwell; see `inercal.benches.contract.MeanBench`."""
-        return felt(self, steps, q)
+        return sensed_motion(self, steps, q)
 
     def reading_offsets(
         self, steps: Sequence[Spin], sensor: Sensor, q: Mapping[str, Array]
@@ -180,7 +180,7 @@ def mountings(steps: Sequence[Spin]) -> list[str]:
     return [first[step.attitude] for step in steps]
 
 
-def felt(bench: RateTable, steps: Sequence[Spin], q: Mapping[str, Array]) -> MeanMotion:
+def sensed_motion(bench: RateTable, steps: Sequence[Spin], q: Mapping[str, Array]) -> MeanMotion:
     """Return the specific force in each dwell, with its derivatives.
 
     Parameters
@@ -240,6 +240,6 @@ def felt(bench: RateTable, steps: Sequence[Spin], q: Mapping[str, Array]) -> Mea
 
 def by_parameter(bench: RateTable, steps: Sequence[Spin]) -> Array:
     """Return what one standard deviation of each uncertain parameter adds to f, (k, r, 3) m/s²."""
-    made = felt(bench, steps, {})
+    made = sensed_motion(bench, steps, {})
     rows = [q.sd * made.df[name] for name, q in bench.acting(steps).items() if q.sd > 0]
     return np.stack(rows) if rows else np.zeros((0, len(steps), 3))

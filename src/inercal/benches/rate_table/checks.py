@@ -7,7 +7,7 @@ from itertools import permutations, product
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.benches.rate_table.bench import RateTable, felt
+from inercal.benches.rate_table.bench import RateTable, sensed_motion
 from inercal.benches.rate_table.settings import RateTableData
 from inercal.data import Source
 from inercal.data.load import readback_units
@@ -72,7 +72,7 @@ def _refuse_unit(run: Source[RateTableData], off: Callable[[float], float]) -> N
 
 def _made(bench: RateTable, steps: Sequence[Spin], times: float = 1.0) -> Array:
     """Return what is felt nominally, (r, 3) m/s², at rates `times` as large."""
-    return felt(bench, [replace(step, rate=step.rate * times) for step in steps], {}).f
+    return sensed_motion(bench, [replace(step, rate=step.rate * times) for step in steps], {}).f
 
 
 def _triad(read: Array, made: Array) -> Affine | None:

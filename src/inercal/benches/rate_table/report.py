@@ -5,7 +5,7 @@ from math import pi
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.benches.rate_table.bench import felt
+from inercal.benches.rate_table.bench import sensed_motion
 from inercal.benches.report import Panel, Plot, Series, Shown
 from inercal.plan import Spin
 from inercal.sensors import G0
@@ -19,8 +19,8 @@ def deviations(shown: Shown) -> tuple[Array, Array, Array]:
     In m/s², against what was felt nominally: the errors of mountings are in both.
     """
     spins = [step for step in shown.steps if isinstance(step, Spin)]
-    made = felt(shown.bench, spins, {}).f
-    mean, corrected = shown.observations.mean, shown.felt().f
+    made = sensed_motion(shown.bench, spins, {}).f
+    mean, corrected = shown.observations.mean, shown.sensed_motion().f
     rates = np.array([abs(step.rate) for step in spins]) * 30 / pi
     return rates, mean - made, corrected - made
 

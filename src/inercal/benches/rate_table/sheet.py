@@ -5,7 +5,7 @@ from math import pi
 
 import numpy as np
 
-from inercal.benches.rate_table.bench import felt, mountings
+from inercal.benches.rate_table.bench import mountings, sensed_motion
 from inercal.benches.rate_table.fixture import PLANES, by_mounting, tilted
 from inercal.benches.rate_table.settings import RateTableData
 from inercal.benches.sheet import Heading, Row, Sheet
@@ -21,7 +21,7 @@ def sheet(run: Source[RateTableData]) -> Sheet:
     steps = [step for own in by_mounting(planned) for step in own]
     names, data, size = mountings(steps), run.data, readback_units(run)["arm_rate"]
     rows: list[Row] = []
-    made = felt(run.bench, steps, {}).f
+    made = sensed_motion(run.bench, steps, {}).f
     for k, (name, step, f) in enumerate(zip(names, steps, made, strict=True), start=1):
         assert step.attitude is not None
         rpm, up = step.rate * 30 / pi, Hold("", step.attitude.up, 0.0).in_words()

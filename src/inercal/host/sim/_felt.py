@@ -72,7 +72,7 @@ def _cross(a: Array, b: Array, out: Array) -> None:
 
 
 @njit(cache=True, nogil=True)
-def felt(
+def sensed_motion(
     moved: Array,
     axes: Integers,
     thirds: Integers,

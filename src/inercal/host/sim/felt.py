@@ -46,7 +46,7 @@ class Surroundings:
     def __call__(self, moved: Array) -> Array:
         """Return f, ω and its derivative (n, 9) at (n, k, 3) rad, rad/s, rad/s²."""
         out = np.empty((len(moved), 9))
-        kernel.felt(moved, *self._arguments, out)
+        kernel.sensed_motion(moved, *self._arguments, out)
         return out
 
 

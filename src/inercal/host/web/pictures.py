@@ -134,6 +134,6 @@ def _attitude(run: BenchRun, bench: Turntable, angles: Array | None) -> dict[str
         "roll": None if at is None else number(at.roll),
         "pitch": None if at is None else number(at.pitch),
         "heading": None if at is None else number(at.heading),
-        "apart": None if at is None else numbers(at.apart),
+        "apart": None if at is None else numbers(at.rotation_error),
         "velocity": None if at is None else numbers(at.velocity),
     }

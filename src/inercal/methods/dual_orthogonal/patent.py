@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.benches.dividing_head.bench import DividingHead, felt
+from inercal.benches.dividing_head.bench import DividingHead, sensed_motion
 from inercal.benches.dividing_head.covariance import by_bench, readings_by_bench
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate, Gaussian, Problem, least_squares
@@ -70,7 +70,7 @@ def estimate(
         points = four_points(average @ y / g, delta)
         return np.concatenate([points.k0, points.gain], axis=-1)
 
-    nominal = felt(bench, steps, {}).f[..., :2]
+    nominal = sensed_motion(bench, steps, {}).f[..., :2]
     at_nominal = replace(observations, mean=nominal).rows(others)
     up = at_nominal.mean / np.linalg.norm(at_nominal.mean, axis=-1, keepdims=True)
     ideal = _problem(at_nominal, sensor, bench, maps, up, np.zeros(4), square.centred(priors))
@@ -206,7 +206,7 @@ def _problem(
     g = bench.gravity.value
     base = fixed @ maps.held.T
     noise = square.along(up, others.full_covariance) + bench.gravity.sd**2
-    natural = np.array([sensor.natural[sensor.coefficients.index(n)] for n in maps.names])
+    unit_scale = np.array([sensor.unit_scale[sensor.coefficients.index(n)] for n in maps.names])
 
     def linearise(x: Array) -> tuple[Array, Array]:
         seen = square.compare(sensor, others.mean, base + x @ maps.free.T, g)
@@ -218,7 +218,7 @@ def _problem(
         start=np.zeros((*noise.shape[:-2], len(maps.names))),  # each trial may have its noise
         linearise=linearise,
         noise=noise,
-        scale=natural,
+        scale=unit_scale,
         priors=priors,
         gauges=square.gauges(sensor),
         observations=others.labels,

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.benches.dividing_head.bench import DividingHead, drift_names, felt
+from inercal.benches.dividing_head.bench import DividingHead, drift_names, sensed_motion
 from inercal.benches.dividing_head.passes import places, ramps
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Candidate, Estimate, Gauge, Gaussian, Problem, least_squares
@@ -145,7 +145,7 @@ def problem(
     require_mounted(sensor)
     y, g = observations.mean, bench.gravity.value
     p = len(sensor.coefficients)
-    nominal = felt(bench, steps, {}).f[..., :2]
+    nominal = sensed_motion(bench, steps, {}).f[..., :2]
     up = nominal / np.linalg.norm(nominal, axis=-1, keepdims=True)
     # The noise is seen along the nominal force: a mounting angle of 300″ changes it by a millionth.
     noise = along(up, observations.full_covariance)
@@ -180,7 +180,7 @@ def problem(
         start=np.zeros(p),
         linearise=linearise,
         noise=noise + bench.gravity.sd**2,
-        scale=sensor.natural,
+        scale=sensor.unit_scale,
         priors=tuple(priors),
         gauges=gauges(sensor),
         observations=observations.labels,
@@ -236,7 +236,7 @@ def require_told(
     NotObserved
         Naming the null directions.
     """
-    nominal = felt(bench, steps, {}).f[..., :2]
+    nominal = sensed_motion(bench, steps, {}).f[..., :2]
     r = len(steps)
     exact = Observations(
         tuple(step.label for step in steps),

@@ -24,10 +24,12 @@ def advice(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
     Computed from the information matrix, with the noise and scatter that were found.
     """
     sensor, p = rests.sensor, len(rests.sensor.coefficients)
-    natural = sensor.natural
+    unit_scale = sensor.unit_scale
     # More attitudes do not help against the recording's clock: its part stays as it is.
-    clock = _by_clock(estimate)[:p] / natural
-    covariance = estimate.covariance[:p, :p] / np.outer(natural, natural) - np.outer(clock, clock)
+    clock = _by_clock(estimate)[:p] / unit_scale
+    covariance = estimate.covariance[:p, :p] / np.outer(unit_scale, unit_scale) - np.outer(
+        clock, clock
+    )
     sizes = {group.name: float(np.sqrt(np.mean(group.sd**2))) for group in estimate.groups}
     typical = Errors(*(sizes.get(name, 1.0) for name in ("norms", "rates", "rotations")))
     ups = rests.norms(np.concatenate([estimate.value[:p], rests.start()[p:]])).up
@@ -35,8 +37,8 @@ def advice(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
     more, after = next_attitudes(
         sensor, before, ups[-1], rests.bench.gravity.value, typical, enough=0.0, most=_EXTRA
     )
-    old = np.sqrt(np.diag(covariance) + clock**2) * natural
-    new = np.sqrt(np.diag(np.linalg.inv(after)) + clock**2) * natural
+    old = np.sqrt(np.diag(covariance) + clock**2) * unit_scale
+    new = np.sqrt(np.diag(np.linalg.inv(after)) + clock**2) * unit_scale
     k = int(np.argmax(old / new))
     if old[k] < _BETTER * new[k]:
         return ()

@@ -59,7 +59,7 @@ def rest_rows(sensor: Sensor, up: Array, g: float, errors: Errors) -> Array:
     rows = np.zeros((len(up), 1 + len(sensor.axes) - len(force.axes), p))
     rows[:, 0, :a] = norm(force, reading, nominal[:a], np.array([g])).jacobian[:, :-1] / errors.norm
     rows[:, 1:] = sensor.design(motion, nominal)[:, len(force.axes) :] / errors.rate
-    return rows * sensor.natural
+    return rows * sensor.unit_scale
 
 
 def turn_rows(sensor: Sensor, before: Array, after: Array, g: float, errors: Errors) -> Array:
@@ -89,7 +89,7 @@ def turn_rows(sensor: Sensor, before: Array, after: Array, g: float, errors: Err
     sensitivity = np.einsum("ksab,ksq->kabq", to_end, felt) * (MOVE_SECONDS / _STEPS)
     model = affine(sensor, np.zeros(len(sensor.coefficients)))
     psi = np.einsum("kabq,bqp->kap", sensitivity, model.to_coefficient)
-    return across(after) @ skew(after) @ psi / errors.turn * sensor.natural
+    return across(after) @ skew(after) @ psi / errors.turn * sensor.unit_scale
 
 
 def next_attitudes(

@@ -66,13 +66,13 @@ def of_geometry(rests: Rests, priors: Sequence[Gaussian]) -> Array:
     errors = Errors()
     counts = [r, 2 * k, len(rows.residual) - r - 2 * k]
     size = np.repeat([errors.norm, errors.turn, errors.rate], counts)
-    jacobian = rows.jacobian[:, :p] / size[:, None] * rests.sensor.natural
+    jacobian = rows.jacobian[:, :p] / size[:, None] * rests.sensor.unit_scale
     information = np.zeros((p, p))
     for part, of in ((slice(0, a), slice(0, r)), (slice(a, p), slice(r, None))):
         information[part, part] = jacobian[of, part].T @ jacobian[of, part]
     for prior in priors:
         known, _ = prior.rows(rests.sensor.coefficients)
-        known = known * rests.sensor.natural
+        known = known * rests.sensor.unit_scale
         information += known.T @ known
     return information
 

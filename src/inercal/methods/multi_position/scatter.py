@@ -29,7 +29,7 @@ class Judged(NamedTuple):
 def of_norms(rests: Rests, rows: Rows) -> Judged:
     """Judge the norms; `rests` are seen by accelerometers alone."""
     jacobian = rows.jacobian[:, : len(rests.sensor.coefficients)]
-    dof = len(rows.residual) - int(np.linalg.matrix_rank(jacobian * rests.sensor.natural))
+    dof = len(rows.residual) - int(np.linalg.matrix_rank(jacobian * rests.sensor.unit_scale))
 
     def whiten(force: Spread, columns: Array) -> Array:
         return whitener(rests, rows, Scatter(force))(columns)

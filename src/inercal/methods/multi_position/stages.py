@@ -222,7 +222,7 @@ def _fit(
             start=x[free],
             linearise=linearise,
             noise=np.ones(len(whiten(started.residual)) + more.size),
-            scale=np.concatenate([rests.sensor.natural, [G0, 1.0, 1.0, 1.0, 1.0]])[free],
+            scale=np.concatenate([rests.sensor.unit_scale, [G0, 1.0, 1.0, 1.0, 1.0]])[free],
             priors=tuple(known),
             wanted=tuple(name for name in chosen if name not in BESIDE),
             rounding=_ROUNDING,

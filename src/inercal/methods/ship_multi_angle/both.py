@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
-from inercal.benches.rate_table.bench import RateTable, felt
+from inercal.benches.rate_table.bench import RateTable, sensed_motion
 from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian, Problem, least_squares
 from inercal.methods.ship_consistency import by_stated, compared, consistency, linearised, of_rows
@@ -50,7 +50,7 @@ def planar_norm(
     here = [steps[k] for k in rest]
     require_excited(bench, here)
     a, square = of_norms(observations, bench, steps, groups)
-    plain, f = observations.mean[..., rest, :] / G0, felt(bench, here, {}).f / G0
+    plain, f = observations.mean[..., rest, :] / G0, sensed_motion(bench, here, {}).f / G0
     model, gain, converged = solve(plain, f, a, square)
     residual, _ = linearised(model, plain, f, a, square)
     # From errors of M a + p − f of all rows, axes within, to those of the rows as compared.

@@ -103,14 +103,12 @@ def turns_left(sensor: Sensor, left: Free) -> tuple[NullDirection, ...]:
 
 
 def _named(sensor: Sensor, move: Array, words: str) -> NullDirection:
-    natural = move / sensor.natural
-    natural = natural / natural[np.argmax(np.abs(natural))]
+    scaled = move / sensor.unit_scale
+    scaled = scaled / scaled[np.argmax(np.abs(scaled))]
     weights: dict[str, float] = {
-        name: float(w)
-        for name, w in zip(sensor.coefficients, natural, strict=True)
-        if abs(w) > 1e-9
+        name: float(w) for name, w in zip(sensor.coefficients, scaled, strict=True) if abs(w) > 1e-9
     }
-    return NullDirection(weights, f"{words}: {in_natural_words(natural, sensor.coefficients)}")
+    return NullDirection(weights, f"{words}: {in_natural_words(scaled, sensor.coefficients)}")
 
 
 def _in_theta(move: Array) -> str:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
-from inercal.benches.rate_table.bench import RateTable, felt
+from inercal.benches.rate_table.bench import RateTable, sensed_motion
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gaussian
 from inercal.methods.ship_multi_angle.freedom import Free, free, turns_left
@@ -57,7 +57,7 @@ def start_of(
         raise InputError("damped takes priors in the place of untilted states; joint takes both")
     here = [steps[k] for k in rest]
     require_excited(bench, here)
-    model, gain = level(observations.mean[..., rest, :] / G0, felt(bench, here, {}).f / G0)
+    model, gain = level(observations.mean[..., rest, :] / G0, sensed_motion(bench, here, {}).f / G0)
     return Start(model, "the untilted states", gain)
 
 
@@ -125,5 +125,5 @@ def _nominally(
     sensor: Sensor, bench: RateTable, steps: Sequence[Spin], groups: Sequence[int]
 ) -> Free:
     """Return what the groups would leave free of an ideal sensor without noise."""
-    f = felt(bench, [steps[k] for k in groups], {}).f / G0
+    f = sensed_motion(bench, [steps[k] for k in groups], {}).f / G0
     return free(sensor, Affine.of(IDEAL), f, np.zeros((f.size, f.size)))

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
-from inercal.benches.rate_table.bench import RateTable, felt
+from inercal.benches.rate_table.bench import RateTable, sensed_motion
 from inercal.benches.rate_table.fixture import tilted
 from inercal.errors import NotObserved
 from inercal.methods.vectors import require_rows
@@ -37,7 +37,7 @@ def of_norms(
     observations: Observations, bench: RateTable, steps: Sequence[Spin], groups: Sequence[int]
 ) -> tuple[Array, Array]:
     """Return readings of the groups, (..., r, 3) g, and A² + 1, (r,) g²."""
-    f = felt(bench, [steps[k] for k in groups], {}).f / G0
+    f = sensed_motion(bench, [steps[k] for k in groups], {}).f / G0
     return observations.mean[..., groups, :] / G0, (f**2).sum(-1)
 
 

@@ -122,10 +122,10 @@ def of_sensor(
     motion = motion if warmth is None else replace(motion, dT=warmth)
     design = larger.design(motion, np.zeros(len(larger.coefficients)))
     columns: list[Column] = []
-    for full, natural in zip(larger.coefficients, larger.natural.tolist(), strict=True):
+    for full, unit_scale in zip(larger.coefficients, larger.unit_scale.tolist(), strict=True):
         unit = SI_UNITS[larger.coefficient(full).unit]
         families = (family(larger.coefficient(full)), full)
-        columns.append(Column(full, "coefficient", unit, LARGEST * natural, families))
+        columns.append(Column(full, "coefficient", unit, LARGEST * unit_scale, families))
     kind = part.sensor.axes[0].measures
     start, span = float(time[0]), float(time[-1] - time[0]) or 1.0
     share = (time - start) / span

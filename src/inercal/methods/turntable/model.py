@@ -100,7 +100,7 @@ def triad(sensor: Sensor, kind: str, lasting: float = 0.0, *, drifting: bool = T
 
 def expected(part: Triad) -> Array:
     """Return how large each coefficient may be before anything is known, (p,) SI."""
-    named = zip(part.sensor.coefficients, part.sensor.natural, strict=True)
+    named = zip(part.sensor.coefficients, part.sensor.unit_scale, strict=True)
     warm = temperature.coefficients(part.sensor)
     return np.array(
         [
@@ -217,7 +217,7 @@ def _directions(
     sd = expected(part)
     share, directions = np.linalg.eigh(covariance / np.outer(sd, sd))
     chosen = (share > above) & (share <= to)
-    rows = (sd[:, None] * directions[:, chosen]).T / part.sensor.natural
+    rows = (sd[:, None] * directions[:, chosen]).T / part.sensor.unit_scale
     names = part.sensor.coefficients
     found: list[NullDirection] = []
     for move in echelon(rows):

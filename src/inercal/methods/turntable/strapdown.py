@@ -82,7 +82,7 @@ def turn_level(c: Array, v: Array) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def apart(ref: Array, c: Array, z: Array) -> None:
+def rotation_error(ref: Array, c: Array, z: Array) -> None:
     """Write the rotation vector z of ref Cᵀ, in the level frame."""
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
@@ -280,7 +280,7 @@ def delayed(
     copy(past[before], out)
     if step <= 0:
         return
-    apart(past[after], past[before], rate)
+    rotation_error(past[after], past[before], rate)
     turn, bent, other = np.empty(3), np.zeros(3), np.empty(3)
     way = share * (share - 1) * step * step
     if 0 < share < 1:
@@ -289,11 +289,11 @@ def delayed(
         early = before != newest and row != newest and alike(h0, step)
         late = after != newest and alike(h2, step)
         if early:
-            apart(past[before], past[row], other)
+            rotation_error(past[before], past[row], other)
             for i in range(3):
                 bent[i] = (rate[i] / step - other[i] / h0) / (step + h0)
         if late:
-            apart(past[next_row], past[after], other)
+            rotation_error(past[next_row], past[after], other)
             for i in range(3):
                 f = (other[i] / h2 - rate[i] / step) / (step + h2)
                 if early:
@@ -313,7 +313,7 @@ def alike(step: float, other: float) -> bool:
 
 
 @njit(cache=True, nogil=True)
-def due(time: Array, period: float, last: float) -> Indices:
+def epoch_indices(time: Array, period: float, last: float) -> Indices:
     """Return the samples at which an epoch is due: a period or more after the one before."""
     return due_in_holds(time, np.zeros(time.size, np.int64), period, last, 0)
 

@@ -30,10 +30,10 @@ from inercal.methods.turntable.left_out import families
 from inercal.methods.turntable_discrete.mean_motion import (
     AxisAngles,
     declared,
-    felt,
     mean,
     planned,
     rows,
+    sensed_motion,
 )
 from inercal.plan import Position, Rotation, TableStep
 from inercal.recording import Observations, Track
@@ -111,7 +111,7 @@ def problem(
         observations,
         sensor,
         known,
-        lambda q: felt(bench, motion, df, dw, q),
+        lambda q: sensed_motion(bench, motion, df, dw, q),
         priors,
         timed=True,
         families=families(bench),

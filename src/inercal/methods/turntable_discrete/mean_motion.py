@@ -157,7 +157,7 @@ def rows(
     return motion, df, dw
 
 
-def felt(
+def sensed_motion(
     bench: Turntable,
     motion: Motion,
     df: Mapping[str, Array],

@@ -23,12 +23,12 @@ from inercal.estimate.kalman import Steps, keep_rows, update
 from inercal.methods.turntable.drifting import drifted, drifting
 from inercal.methods.turntable.strapdown import (
     add_up,
-    apart,
     copy,
     correct,
     driven_by,
     fill,
     product,
+    rotation_error,
     turn_level,
     warm,
     warm_matrix,
@@ -268,7 +268,7 @@ def _observe(e: int, run: Run, z: Array, h: Array) -> None:
     gm, q, n = 6 + state.theta.size, beside.shape[2], state.x.size
     own = gm + model.size + q
     take(state.velocity, 0, z[:3])
-    apart(readback.attitude[e], state.c, off)
+    rotation_error(readback.attitude[e], state.c, off)
     h[:] = 0.0
     for k in range(3):
         h[k, k] = 1.0

@@ -18,7 +18,14 @@ from numpy.typing import NDArray
 from inercal.arrays import Array
 from inercal.estimate.kalman import update
 from inercal.methods.turntable.drifting import drifting
-from inercal.methods.turntable.strapdown import apart, around, copy, delayed, product, turn_level
+from inercal.methods.turntable.strapdown import (
+    around,
+    copy,
+    delayed,
+    product,
+    rotation_error,
+    turn_level,
+)
 from inercal.methods.turntable_kalman._common import Model, Samples, Transition, Work, take
 
 Indices = NDArray[np.int64]
@@ -170,7 +177,7 @@ def observe(e: int, run: Run, fed: Array, x: Array, p: Array, seen: Seen) -> Non
             rate[k] = 0.0
     if variance > STRAIGHT * STRAIGHT:
         _curved(run, p, when, variance, spread)
-    apart(readback.attitude[e], then, z)
+    rotation_error(readback.attitude[e], then, z)
     before, after, share = around(times, newest, when)
     h[:] = 0.0
     for k in range(3):
@@ -227,9 +234,9 @@ def _curved(run: Run, p: Array, when: float, variance: float, spread: Array) -> 
     then, sd, newest = done.half, np.sqrt(variance), state.newest[0]
     other, one, two, unused = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3)
     delayed(state.times, state.past, newest, when + sd, other, unused, two)
-    apart(other, then, one)
+    rotation_error(other, then, one)
     delayed(state.times, state.past, newest, when - sd, other, unused, two)
-    apart(other, then, two)
+    rotation_error(other, then, two)
     before, after, _ = around(state.times, newest, when)
     step = state.times[after] - state.times[before]
     axis, weights = model.terms.axis, model.terms.weights

@@ -91,7 +91,7 @@ def followed(
         raise InputError("the filters follow a recording; means of positions are not enough")
     track = temperature.steady(observations.track)
     kinds = {axis.measures for axis in sensor.axes}
-    priors = apart(sensor, priors)
+    priors = split_priors(sensor, priors)
     lead = track.reading.shape[:-2]
     trials = [
         # Of several trials the first one's course is kept.
@@ -120,7 +120,7 @@ def followed(
     chi2 = np.array([one[2] for one in made]).reshape(lead)
     scaled = made[0][1][:p, :p]
     moved = [_moved(names, trial, bench) for trial in trials]
-    known = np.linalg.eigvalsh(scaled / np.outer(sensor.natural, sensor.natural))
+    known = np.linalg.eigvalsh(scaled / np.outer(sensor.unit_scale, sensor.unit_scale))
     return Estimate(
         names=names,
         value=value,
@@ -166,7 +166,7 @@ def _moved(names: tuple[str, ...], parts: Sequence[Filtered], bench: Turntable) 
     return moved
 
 
-def apart(sensor: Sensor, priors: Sequence[Gaussian]) -> list[Gaussian]:
+def split_priors(sensor: Sensor, priors: Sequence[Gaussian]) -> list[Gaussian]:
     """Return priors by triad: each filter has its own.
 
     Raises
@@ -260,4 +260,4 @@ def _together(
     return value, covariance, sum(one.nis for one in parts)
 
 
-__all__ = ["WAYS", "apart", "filtered", "followed"]
+__all__ = ["WAYS", "filtered", "followed", "split_priors"]

@@ -160,7 +160,7 @@ class Gyros(Filter[State]):
         samples, stamps, angles, tail = self._paired(state.tail, track)
         # In one order of memory, or the kernel would be compiled for each.
         after = after._replace(tail=np.ascontiguousarray(tail))
-        epochs = strapdown.due(samples.time, model.PERIOD * (1 - 1e-6), after.time[1])
+        epochs = strapdown.epoch_indices(samples.time, model.PERIOD * (1 - 1e-6), after.time[1])
         if not self.turning:
             epochs = epochs[samples.hold[epochs] >= 0]
         angles = np.ascontiguousarray(angles[epochs])

@@ -17,7 +17,7 @@ from inercal.estimate import Gaussian
 from inercal.methods._base import PartialEstimate
 from inercal.methods.turntable_kalman import _accelerometers, _readback
 from inercal.methods.turntable_kalman.filter import Running
-from inercal.methods.turntable_kalman.follow import apart
+from inercal.methods.turntable_kalman.follow import split_priors
 from inercal.methods.turntable_kalman.ways import KINDS, WAYS, FilterConfig
 from inercal.plan import TableStep
 from inercal.recording import Track
@@ -54,7 +54,7 @@ def sequential(
         A prior that joins gyros and accelerometers, or steps that the table cannot follow.
     """
     lasting = seconds_on_turntable(bench, steps)
-    return FilterPair(sensor, bench, WAYS[estimator], apart(sensor, priors), lasting)
+    return FilterPair(sensor, bench, WAYS[estimator], split_priors(sensor, priors), lasting)
 
 
 class FilterPair:

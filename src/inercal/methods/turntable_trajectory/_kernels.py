@@ -16,12 +16,12 @@ from inercal.methods.turntable.drifting import drifted, predict_drift
 from inercal.methods.turntable.strapdown import (
     BENT,
     KINK,
-    apart,
     copy,
     fill,
     matrix,
     product,
     rotate,
+    rotation_error,
     warm,
     warm_matrix,
 )
@@ -139,7 +139,7 @@ def increments(
                     if bent * bent > BENT * noise[k] / dt:
                         for j in range(3):
                             driven[e, j, j] += (KINK * bent * dt) ** 2
-        apart(reference[e + 1], c, apart_by[e])
+        rotation_error(reference[e + 1], c, apart_by[e])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

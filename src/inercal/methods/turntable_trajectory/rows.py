@@ -84,8 +84,8 @@ class RotationRows:
         """
         if epochs is None:
             first = float(track.time[0])
-            due = strapdown.due(track.time, model.PERIOD * (1 - 1e-6), first)
-            epochs = np.concatenate([[0], due])
+            epoch_indices = strapdown.epoch_indices(track.time, model.PERIOD * (1 - 1e-6), first)
+            epochs = np.concatenate([[0], epoch_indices])
         if epochs.size < len("ab"):
             raise InputError(f"a recording of {track.time.size} samples has no way to follow")
         table = parameters(bench)
@@ -117,13 +117,13 @@ class RotationRows:
         earth, p = earth_rate(self.bench), len(theta)
         end = 1 + p + len(self.table)
         made = np.zeros((n, 3, end + (0 if beside is None else beside.shape[2])))
-        apart, columns = np.zeros((n, 3)), np.zeros((n, 3, p))
+        rotation_error, columns = np.zeros((n, 3)), np.zeros((n, 3, p))
         drifting, driven = np.zeros((n, 3, 3)), np.zeros((n, 3, 3))
         _kernels.increments(
             track.time, np.ascontiguousarray(track.reading[:, self.part.channels]), self.epochs,
             self._attitude(stamp), terms.nominal, terms.axis, terms.weights, theta, earth,
             self.bench.gravity.value, self.part.white, temperature.along(track, self.part.sensor),
-            apart, columns, drifting, driven,
+            rotation_error, columns, drifting, driven,
         )  # fmt: skip
         by = self._by(stamp, time - track.time[0])
         since = np.diff(time)
@@ -132,7 +132,7 @@ class RotationRows:
         made[:, :, 1 + p : end] = by[:-1] - within - by[1:]
         if beside is not None:
             made[:, :, end:] = beside
-        made[:, :, 0] = apart
+        made[:, :, 0] = rotation_error
         for k, one in enumerate(self.table):
             if one.name not in ("latency", "clock"):  # the reference has those in it
                 made[:, :, 0] -= made[:, :, 1 + p + k] * _off(one, q)

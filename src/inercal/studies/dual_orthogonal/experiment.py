@@ -1,7 +1,7 @@
 """The simulated bench: a dividing head with two accelerometers at right angles, read many times.
 
-The bench makes the force (`benches.dividing_head.felt`), the sensor's model the readings. Every
-quantity that errs is drawn by its name: benches of other sizes meet the same draws.
+The bench makes the force (`benches.dividing_head.sensed_motion`), the sensor's model the readings.
+Every quantity that errs is drawn by its name: benches of other sizes meet the same draws.
 """
 
 from collections.abc import Sequence
@@ -16,9 +16,9 @@ from inercal.benches.dividing_head.bench import (
     Collimated,
     DividingHead,
     Index,
-    felt,
     mounted,
     positions,
+    sensed_motion,
 )
 from inercal.estimate import Estimate, Gaussian
 from inercal.keys import CoefficientName
@@ -153,7 +153,7 @@ def simulate(
         name: parameter.value + parameter.sd * draw(seed, name, (trials,))
         for name, parameter in drawn.simulated(steps).items()
     }
-    exact = SENSOR.forward(Motion(felt(drawn, steps, q).f), in_order(truth))
+    exact = SENSOR.forward(Motion(sensed_motion(drawn, steps, q).f), in_order(truth))
     each = [draw(seed, f"noise[{step.label}]", (trials, 2)) for step in steps]
     sd = G0 * (noise or NOISE)
     seen = Observations(

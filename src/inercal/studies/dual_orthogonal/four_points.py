@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.benches.dividing_head.bench import DividingHead, felt, positions
+from inercal.benches.dividing_head.bench import DividingHead, positions, sensed_motion
 from inercal.methods.dual_orthogonal.four_points import four_points
 from inercal.motion import Motion
 from inercal.sensors import G0
@@ -69,7 +69,7 @@ def _readings(coefficients: dict[str, float], pier: Array) -> Array:
     exact = DividingHead(bench().gravity, collimated="every")
     q = {f"pier[{step.label}]": tilt for step, tilt in zip(steps, pier, strict=True)}
     c = np.array([coefficients.get(name, 0.0) for name in SENSOR.coefficients])
-    return SENSOR.forward(Motion(felt(exact, steps, q).f), c) / G0
+    return SENSOR.forward(Motion(sensed_motion(exact, steps, q).f), c) / G0
 
 
 def section(trials: int, seed: int) -> Section:

@@ -1,6 +1,6 @@
 """The simulated rate table: drawn devices, read in nine untilted states and sixteen groups.
 
-The bench makes the force (`benches.rate_table.felt`), the sensor's model the readings. A
+The bench makes the force (`benches.rate_table.sensed_motion`), the sensor's model the readings. A
 calibration is judged on fresh poses: any attitude, at any speed up to the fastest, without noise.
 Inside, everything is in g.
 """
@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.benches.rate_table.bench import RateTable, felt
+from inercal.benches.rate_table.bench import RateTable, sensed_motion
 from inercal.benches.rate_table.fixture import FAST, RPM, Reading, multi_angle_plan, planar_plan
 from inercal.estimate import Estimate
 from inercal.keys import CoefficientName
@@ -99,7 +99,7 @@ def part(model: Affine, trials: int | slice) -> Affine:
 
 def said(steps: Sequence[Spin]) -> Array:
     """Return what is felt without any error, (r, 3) g."""
-    return felt(EXACT, steps, {}).f / G0
+    return sensed_motion(EXACT, steps, {}).f / G0
 
 
 def simulate(
@@ -130,7 +130,7 @@ def simulate(
         name: parameter.value + parameter.sd * rng.standard_normal(trials)
         for name, parameter in drawn.acting(steps).items()
     }
-    exact = SENSOR.forward(Motion(felt(drawn, steps, q).f), c)
+    exact = SENSOR.forward(Motion(sensed_motion(drawn, steps, q).f), c)
     r = len(steps)
     seen = Observations(
         tuple(step.label for step in steps),
