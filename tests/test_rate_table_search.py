@@ -8,7 +8,7 @@ import pytest
 
 from inercal.calibration.files import load, save
 from inercal.cli.app import main
-from inercal.cli.show import told
+from inercal.cli.show import generation_in_words
 from inercal.errors import InputError
 from inercal.methods.ship_multi_angle.evolution import GOAL, Bounds, Generation, History, Options
 from inercal.pipeline import Outcome, calibrate
@@ -127,7 +127,7 @@ def test_progress_is_told_after_each_generation_and_kept(tmp_path: Path):
     outcome = calibrate(written(tmp_path, "global", "seed = 1"), seen.append)
     assert outcome.search == History(GOAL, tuple(seen))
     assert [g.number for g in seen] == list(range(1, len(seen) + 1))
-    assert told(Generation(12, 1.234e-5, 0.0123)) == (
+    assert generation_in_words(Generation(12, 1.234e-5, 0.0123)) == (
         "generation 12, sum of squares 1.23e-05 g⁴, largest error of a norm 1.2 %"
     )
     assert found(tmp_path, "damped").search is None

@@ -9,10 +9,10 @@ from inercal.cli.show import (
     as_json,
     as_table,
     drawn_if_refused,
+    generation_in_words,
     leave,
     opened,
     print_written,
-    told,
     working,
 )
 
@@ -56,7 +56,9 @@ def run(
     doing = f"calibrating {plan.sensor.name} from {plan.data.file}"
     with opened(register) or nullcontext() as kept, working(doing) as say:
         with drawn_if_refused(plan, out / f"{run_file.stem}.refused.html" if with_report else None):
-            outcome = calibrate(plan, lambda generation: say(f"{doing}: {told(generation)}"))
+            outcome = calibrate(
+                plan, lambda generation: say(f"{doing}: {generation_in_words(generation)}")
+            )
         names = {"calibration_file": "calibration.json", "report": "report.html"}
         tables = plan.kind.tables(plan, outcome)
         names |= {what: f"{what}.csv" for what in tables}

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import typer
 
-from inercal.cli.show import as_json, drawn_if_refused, leave, told, working
+from inercal.cli.show import as_json, drawn_if_refused, generation_in_words, leave, working
 
 NAME = "report"
 
@@ -30,7 +30,9 @@ def run(
     page = out or Path(f"{run_file.stem}.report.html")
     with working(f"writing {page}") as say:
         with drawn_if_refused(plan, page.with_name(f"{run_file.stem}.refused.html")):
-            outcome = calibrate(plan, lambda generation: say(f"writing {page}: {told(generation)}"))
+            outcome = calibrate(
+                plan, lambda generation: say(f"writing {page}: {generation_in_words(generation)}")
+            )
         write_report(outcome, page, plan.truth or None)
     if json:
         lines = {"lines": list(outcome.verdict.lines)}

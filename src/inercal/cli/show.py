@@ -66,7 +66,7 @@ def _drawn(run: "Run", message: str, page: "Path") -> bool:
     return True
 
 
-def told(generation: "Generation") -> str:
+def generation_in_words(generation: "Generation") -> str:
     """Return how far a search is, in words."""
     return (
         f"generation {generation.number}, sum of squares {generation.cost:.3g} g⁴, largest error "

@@ -102,12 +102,12 @@ def test_of_people_and_beats_a_slow_viewer_is_told_the_latest():
         viewer.send("beat", "beat")
     viewer.send("event", "event")
 
-    async def told() -> list[str]:
+    async def end_message() -> list[str]:
         first = [await viewer.next() for _ in range(3)]
         viewer.send("people", "people again")
         return [*first, await viewer.next()]
 
-    assert asyncio.run(told()) == ["people 99", "beat", "event", "people again"]
+    assert asyncio.run(end_message()) == ["people 99", "beat", "event", "people again"]
 
 
 def test_an_operator_who_stays_away_is_followed_by_another(

@@ -2,7 +2,7 @@
 
 from importlib.resources import files
 from pathlib import Path
-from types import SimpleNamespace as Told
+from types import SimpleNamespace as EndMessage
 from typing import Any, cast
 
 import numpy as np
@@ -32,21 +32,21 @@ def state(run_file: Run, estimation: str, *, homed: bool = True, **more: Any) ->
         AxisState(angle, 0.0, 0.0, in_position=True, moving=False, enabled=True, homed=homed)
         for angle in ANGLES.tolist()
     )
-    counts = Told(packets=0, lost=0, failed=0, thrown=0)
-    tally = Told(bytes=counts, samples=0, no_angle=0)
-    account = Told(
-        assembly=Told(tally=tally),
+    counts = EndMessage(packets=0, lost=0, failed=0, thrown=0)
+    tally = EndMessage(bytes=counts, samples=0, no_angle=0)
+    account = EndMessage(
+        assembly=EndMessage(tally=tally),
         estimation=estimation,
         navigation=more.get("navigation"),
         temperature=float("nan"),
     )
-    run = Told(
+    run = EndMessage(
         time=10.0,
-        state=Told(time=10.0, axes=axes),
+        state=EndMessage(time=10.0, axes=axes),
         paused="",
         trouble="",
         speed=1.0,
-        sequencer=Told(phase="work", number=0, remaining=lambda _: 60.0),
+        sequencer=EndMessage(phase="work", number=0, remaining=lambda _: 60.0),
         account=account,
     )
     bench = turntable_of(run_file)

@@ -8,7 +8,7 @@ from inercal.host.folder import Folder
 from inercal.host.journal import Journal
 from inercal.host.live import Live
 from inercal.host.registration import RegisterSync
-from inercal.host.web.order import RunRequest, Told, told
+from inercal.host.web.order import EndMessage, RunRequest, end_message
 from inercal.store import Register
 
 
@@ -34,11 +34,13 @@ class RunFinalizer:
             journal.event("warning", f"the run is not in the register: {error}")
         self.keeper = RegisterSync(self._register, made.path)
 
-    def interrupted(self, words: str) -> Told:
+    def interrupted(self, words: str) -> EndMessage:
         """Return what is told of a run that may go on later."""
-        return told(self._order, "interrupted", words or "interrupted", history=self._entered())
+        return end_message(
+            self._order, "interrupted", words or "interrupted", history=self._entered()
+        )
 
-    def finished(self, live: Live | None) -> Told:
+    def finished(self, live: Live | None) -> EndMessage:
         """Make recording, calibration and report; return what is told of them."""
         sensor = self._made.run.sensor.name
         try:
@@ -47,13 +49,13 @@ class RunFinalizer:
             )
         except InercalError as error:
             self._journal.event("alarm", str(error))
-            return told(self._order, "carried out", str(error), history=self._entered())
+            return end_message(self._order, "carried out", str(error), history=self._entered())
         name = quote(self._order.name, safe="")
         links = {what: f"/runs/{name}/{what}" for what in ("report", "calibration")}
         verdict = {"level": outcome.verdict.tone, "words": outcome.verdict.word}
         words = outcome.verdict.lines[0]
         history = self._entered()
-        return told(self._order, "done", words, history=history, verdict=verdict, **links)
+        return end_message(self._order, "done", words, history=history, verdict=verdict, **links)
 
     def _entered(self) -> str | None:
         """Enter the run as it is; return where its sensor's history is, if it has one."""

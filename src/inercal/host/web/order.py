@@ -15,7 +15,7 @@ from inercal.host.log import driven, lock, usable
 from inercal.host.options import ORDINARY, Options
 
 NOTE = "run.page.json"
-Told = dict[str, Any]
+EndMessage = dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ class RunRequest:
         return (Path(self.folder) / JOURNAL).is_file()
 
 
-def told(order: RunRequest, state: str, words: str = "", **more: object) -> Told:
+def end_message(order: RunRequest, state: str, words: str = "", **more: object) -> EndMessage:
     """Return what is told of an end.
 
     Parameters
@@ -118,9 +118,9 @@ def told(order: RunRequest, state: str, words: str = "", **more: object) -> Told
     return {"run": order.name, "state": state, "words": words, **links, **more}
 
 
-def cut_short(order: RunRequest, words: str) -> Told:
+def cut_short(order: RunRequest, words: str) -> EndMessage:
     """Return what is told of a run whose process came to nothing more."""
-    return told(order, "interrupted" if order.can_go_on else "not begun", words)
+    return end_message(order, "interrupted" if order.can_go_on else "not begun", words)
 
 
 class Simulated(NamedTuple):

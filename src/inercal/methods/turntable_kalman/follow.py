@@ -15,7 +15,13 @@ from inercal.methods import temperature
 from inercal.methods.turntable import model
 from inercal.methods.turntable.model import ARCSEC
 from inercal.methods.turntable_kalman import checks
-from inercal.methods.turntable_kalman.innovations import Filtered, excess, group, least, told
+from inercal.methods.turntable_kalman.innovations import (
+    Filtered,
+    excess,
+    group,
+    innovations_in_words,
+    least,
+)
 from inercal.methods.turntable_kalman.ways import KINDS, WAYS, FilterConfig, Kind
 from inercal.plan import TableStep
 from inercal.recording import Observations, Track
@@ -189,7 +195,7 @@ def split_priors(sensor: Sensor, priors: Sequence[Gaussian]) -> list[Gaussian]:
 
 def _notes(parts: Sequence[Filtered], way: FilterConfig, bench: Turntable) -> tuple[str, ...]:
     """Say how innovations agree, and what the uncertainties do not hold."""
-    made = [told(one) for one in parts]
+    made = [innovations_in_words(one) for one in parts]
     made += [words for one in parts if (words := _leaning(one))]
     if not way.table and (bench.square > 0 or any(bench.harmonics)):
         which = "gyros" if way.holding_table == "lean" else "gyros and accelerometers"

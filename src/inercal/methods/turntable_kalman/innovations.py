@@ -90,7 +90,7 @@ def group(one: Filtered, observations: Observations) -> Group:
     )
 
 
-def told(one: Filtered) -> str:
+def innovations_in_words(one: Filtered) -> str:
     """Say how the innovations agree with what was stated."""
     mean = one.nis / max(one.components, 1)
     said = f"{one.course.name}: the innovations' NIS is {mean:.2f} a component"

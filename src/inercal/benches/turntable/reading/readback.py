@@ -50,7 +50,9 @@ class Read:
         if self.clock is None:
             return ()
         one = self.clock
-        offset, drift = told(replace(one, offset=abs(one.offset), drift=abs(one.drift))).values()
+        offset, drift = clock_in_words(
+            replace(one, offset=abs(one.offset), drift=abs(one.drift))
+        ).values()
         where = "ahead of" if one.offset > 0 else "behind"
         return (
             f"the table's clock is {offset} {where} the sensor's at the first sample and "
@@ -59,7 +61,7 @@ class Read:
         )
 
 
-def told(clock: Aligned) -> dict[str, str]:
+def clock_in_words(clock: Aligned) -> dict[str, str]:
     """Return offset and drift of a table's clock in words with units, k = 1."""
     unit = "ms" if abs(clock.offset) < FURTHEST else "s"
     return {

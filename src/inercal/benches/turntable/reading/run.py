@@ -17,7 +17,7 @@ from inercal.benches.turntable.reading.clock import ClockMismatch
 from inercal.benches.turntable.reading.dropped_samples import slipped
 from inercal.benches.turntable.reading.earth import require_earth
 from inercal.benches.turntable.reading.labels import labelled
-from inercal.benches.turntable.reading.readback import Read, told, with_angles
+from inercal.benches.turntable.reading.readback import Read, clock_in_words, with_angles
 from inercal.benches.turntable.reading.samples import (
     repeated,
     require_range,
@@ -259,6 +259,6 @@ def _conditions(read: Read, steps: Sequence[TableStep]) -> dict[str, str]:
         "latitude": f"{degrees(bench.latitude):.6g} °",
         "azimuth at zero angles": readable(bench.azimuth.value, bench.azimuth.sd, "°"),
         "path": f"{count[Position]} holds and {count[Rotation]} turns, found by the readback",
-        **(late if read.clock is None else told(read.clock)),
+        **(late if read.clock is None else clock_in_words(read.clock)),
         "right angles of the axes (k = 1)": readable(bench.square, 0.0, "″"),
     }
