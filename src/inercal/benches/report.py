@@ -100,8 +100,8 @@ def direction(step: Step, vector: Array, nominal: Array | None) -> Direction:
 
 def by_mean_motion(shown: Shown) -> tuple[Direction, ...]:
     """Return the direction of the specific force in each row, against that of the bench as set."""
-    made, felt = shown.bench.mean_motion(shown.steps, {}).motion, shown.sensed_motion()
-    return tuple(direction(step, felt.f[k], made.f[k]) for k, step in enumerate(shown.steps))
+    made, sensed = shown.bench.mean_motion(shown.steps, {}).motion, shown.sensed_motion()
+    return tuple(direction(step, sensed.f[k], made.f[k]) for k, step in enumerate(shown.steps))
 
 
 @dataclass(frozen=True, eq=False)

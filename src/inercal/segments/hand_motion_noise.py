@@ -19,7 +19,7 @@ scatter counts: a step in one rest is no noise of the others.
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from scipy.optimize import nnls
@@ -47,15 +47,11 @@ def without_tremor(density: Array, sensor: Sensor, sections: Iterable[Array]) ->
     sections : iterable of (n, m) arrays
         Rests, SI.
     """
-    force = sensor.only("f")
-    a = len(force.axes)
-    back = inverse(Sensor(force.name, force.axes), np.eye(a), np.zeros(0)).f
+    a = len(sensor.only("f").axes)
     found: list[tuple[float, float, float]] = []
     parts: list[Array] = []
-    for section in sections:
-        up = section[:, :a].mean(axis=0) @ back
-        part = back @ up / float(np.linalg.norm(up))
-        found.append(_densities(section[:, :a] @ part))
+    for part, series in _along(sensor, sections):
+        found.append(_densities(series))
         parts.append(part**2)
     by_axis = np.array(parts)
     seen, calm, halves = (np.array(one) for one in zip(*found, strict=True))
@@ -109,14 +105,18 @@ def along_gravity(sensor: Sensor, sections: Iterable[Array]) -> list[Array]:
     sections : iterable of (n, m) arrays
         Rests, SI.
     """
+    return [series for _, series in _along(sensor, sections)]
+
+
+def _along(sensor: Sensor, sections: Iterable[Array]) -> Iterator[tuple[Array, Array]]:
+    """Yield the share of each axis in the mean force of a section, (a,), and readings along it."""
     force = sensor.only("f")
     a = len(force.axes)
     back = inverse(Sensor(force.name, force.axes), np.eye(a), np.zeros(0)).f
-    series: list[Array] = []
     for section in sections:
         up = section[:, :a].mean(axis=0) @ back
-        series.append(section[:, :a] @ (back @ up) / float(np.linalg.norm(up)))
-    return series
+        part = back @ up / float(np.linalg.norm(up))
+        yield part, section[:, :a] @ part
 
 
 def _densities(y: Array) -> tuple[float, float, float]:

@@ -13,8 +13,8 @@ def directions(shown: Shown) -> tuple[Direction, ...]:
     known = all(step.attitude is not None for step in spins)
     stated = {name: np.array(q.value) for name, q in shown.expected.items()}
     made = felt_vector(shown.bench, spins, stated) if known else None
-    felt = shown.sensed_motion(None if made is None else made.w)
+    sensed = shown.sensed_motion(None if made is None else made.w)
     return tuple(
-        direction(step, felt.f[k], None if made is None else made.f[k])
+        direction(step, sensed.f[k], None if made is None else made.f[k])
         for k, step in enumerate(spins)
     )

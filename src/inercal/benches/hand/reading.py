@@ -73,7 +73,7 @@ def observe(run: Source[RestsSection]) -> EstimatorInput:
         plan = steps = held(observations, sensor)
     else:
         steps = _planned(run, observations)
-        plan = _withnumbered(run, steps)
+        plan = _with_visits(run, steps)
     if recording is None:
         at_rest = [isinstance(step, Hold) for step in steps]
         odd = means_at_rest(observations.mean[at_rest], sensor, bench.gravity.value)
@@ -114,7 +114,7 @@ def _by_visit(run: Source[RestsSection], count: int) -> dict[str, HandStep]:
     return found
 
 
-def _withnumbered(run: Source[RestsSection], done: Sequence[HandStep]) -> tuple[HandStep, ...]:
+def _with_visits(run: Source[RestsSection], done: Sequence[HandStep]) -> tuple[HandStep, ...]:
     """Return the plan, and after each step the further visits of it that were made."""
     wanted = {step.label for step in (*nominal(run), *done)}
     return tuple(s for name, s in _by_visit(run, len(done)).items() if name in wanted)

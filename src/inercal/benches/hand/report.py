@@ -8,11 +8,11 @@ from inercal.plan import Hold, Turn
 
 def directions(shown: Shown) -> tuple[Direction, ...]:
     """Return the measured direction of each hold and of each turn."""
-    felt = shown.sensed_motion()
+    sensed = shown.sensed_motion()
     found: list[Direction] = []
     for k, step in enumerate(shown.steps):
         if isinstance(step, Hold):
-            found.append(direction(step, felt.f[k], np.array(step.up)))
+            found.append(direction(step, sensed.f[k], np.array(step.up)))
         elif isinstance(step, Turn):
-            found.append(direction(step, felt.w[k] * np.sign(step.angle), np.array(step.axis)))
+            found.append(direction(step, sensed.w[k] * np.sign(step.angle), np.array(step.axis)))
     return tuple(found)

@@ -9,12 +9,12 @@ from inercal.plan import Position, Rotation
 
 def directions(shown: Shown) -> tuple[Direction, ...]:
     """Return the measured direction of each hold and of each turn."""
-    felt = shown.sensed_motion()
+    sensed = shown.sensed_motion()
     found: list[Direction] = []
     for k, step in enumerate(shown.steps):
         if isinstance(step, Position):
             up = reference(shown.bench, np.array([step.angles]))[0, 2]
-            found.append(direction(step, felt.f[k], up))
+            found.append(direction(step, sensed.f[k], up))
         elif isinstance(step, Rotation):
-            found.append(direction(step, felt.w[k] * np.sign(step.angle), None))
+            found.append(direction(step, sensed.w[k] * np.sign(step.angle), None))
     return tuple(found)

@@ -27,9 +27,8 @@ def advice(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
     unit_scale = sensor.unit_scale
     # More attitudes do not help against the recording's clock: its part stays as it is.
     clock = _by_clock(estimate)[:p] / unit_scale
-    covariance = estimate.covariance[:p, :p] / np.outer(unit_scale, unit_scale) - np.outer(
-        clock, clock
-    )
+    covariance = estimate.covariance[:p, :p] / np.outer(unit_scale, unit_scale)
+    covariance -= np.outer(clock, clock)
     sizes = {group.name: float(np.sqrt(np.mean(group.sd**2))) for group in estimate.groups}
     typical = Errors(*(sizes.get(name, 1.0) for name in ("norms", "rates", "rotations")))
     ups = rests.norms(np.concatenate([estimate.value[:p], rests.start()[p:]])).up
